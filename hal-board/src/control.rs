@@ -1,0 +1,222 @@
+//! The control interrupts and what they call.
+//!
+//! ```text
+//! t0          timer update: start both phase converters, on every fifth period also the encoder frame and ADC3
+//! t0 + 1.2 µs conversions end: current loop, compares written (on a servo period: codes kept for the tick)
+//! t0 + 6.6 µs encoder frame ends: servo tick, then the current loop with its new set-point, compares written
+//! t0 + 25 µs  underflow: compares become active; next update
+//! ```
+//! Nothing waits for anything. A frame that has not ended by the next update is given up and the tick runs a period
+//! late with [`MISSING_FRAME`]; conversions that have not ended are reported as full-scale codes, which any over-current
+//! limit answers by switching off.
+
+use core::cell::UnsafeCell;
+use core::mem::MaybeUninit;
+
+use embassy_stm32::interrupt;
+
+use crate::adc::{self, SlowInputs};
+use crate::clocks::cycles;
+use crate::encoder::{self, MISSING_FRAME};
+use crate::priorities::{self, PriorityFault};
+use crate::{Bridge, PERIODS_PER_TICK, PWM_TOP, PhaseCodes, ServoSample, pwm};
+
+/// What a converter reports that did not deliver.
+const MISSING_PHASES: PhaseCodes = PhaseCodes { a: u16::MAX, b: u16::MAX };
+
+/// The drive as the interrupts see it. Both functions run at the highest priority and must end well within 25 µs.
+pub trait Control: Send {
+    /// A PWM period that is not a servo period.
+    fn on_period(&mut self, phases: PhaseCodes) -> Bridge;
+    /// Every fifth period, when the encoder frame has ended.
+    fn on_servo(&mut self, sample: &ServoSample) -> Bridge;
+}
+
+/// Why the drive was not started.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, defmt::Format)]
+pub enum StartFault {
+    /// Some other interrupt could delay the control loop, or one of its own has the wrong priority.
+    Priority(PriorityFault),
+    /// The timer's update does not come at the underflow.
+    UpdateNotAtUnderflow,
+}
+
+/// Permission to start the control loop; there is one.
+pub struct PowerStage(());
+
+impl PowerStage {
+    pub(crate) fn new() -> Self {
+        PowerStage(())
+    }
+
+    /// Moves `control` into the interrupts and starts the PWM timer, bridge off until `control` enables it.
+    ///
+    /// # Errors
+    /// [`StartFault`], with the bridge off and the interrupts still masked, if an assumption of the loop does not hold.
+    pub fn start(self, control: &'static mut dyn Control) -> Result<(), StartFault> {
+        priorities::check().map_err(StartFault::Priority)?;
+        // SAFETY: the interrupts that use the cell are masked until the end of this function, and since `self` is
+        // consumed it runs once.
+        unsafe { *LOOP.0.get() = MaybeUninit::new(Loop::new(control)) };
+        if !pwm::start() {
+            return Err(StartFault::UpdateNotAtUnderflow);
+        }
+        priorities::unmask_control();
+        Ok(())
+    }
+}
+
+/// State of the control loop, owned by the three P0 interrupts.
+struct Loop {
+    control: &'static mut dyn Control,
+    /// PWM periods since the last servo period, `0..PERIODS_PER_TICK`.
+    period: u32,
+    converting: bool,
+    frame: Frame,
+    bridge_enabled: bool,
+    slow: SlowInputs,
+    sample: ServoSample,
+    /// Cycle count at the underflow that began the servo period.
+    servo_began_cycles: u32,
+}
+
+/// Where the encoder frame of the current servo period is.
+#[derive(PartialEq, Eq)]
+enum Frame {
+    None,
+    OnTheWire,
+    Late,
+}
+
+impl Loop {
+    fn new(control: &'static mut dyn Control) -> Self {
+        Loop {
+            control,
+            period: PERIODS_PER_TICK - 1,
+            converting: false,
+            frame: Frame::None,
+            bridge_enabled: false,
+            slow: SlowInputs::new(),
+            sample: ServoSample::default(),
+            servo_began_cycles: 0,
+        }
+    }
+
+    /// Start of a PWM period.
+    #[inline(always)]
+    fn on_update(&mut self) {
+        pwm::acknowledge_update();
+        adc::start_phases();
+        if self.converting {
+            let bridge = self.control.on_period(MISSING_PHASES);
+            self.apply(bridge);
+        }
+        self.converting = true;
+        if self.frame == Frame::OnTheWire {
+            encoder::abort_frame();
+            self.frame = Frame::Late;
+        }
+        self.period += 1;
+        if self.period == PERIODS_PER_TICK {
+            self.period = 0;
+            encoder::start_frame();
+            self.frame = Frame::OnTheWire;
+            self.servo_began_cycles = cycles().wrapping_sub(pwm::cycles_since_update());
+            (self.sample.bus_code, self.sample.temperature_code) = self.slow.exchange();
+        }
+    }
+
+    /// Phase currents converted.
+    #[inline(always)]
+    fn on_phases(&mut self) {
+        let phases = adc::read_phases();
+        self.converting = false;
+        match self.frame {
+            Frame::None => {
+                let bridge = self.control.on_period(phases);
+                self.apply(bridge);
+            }
+            Frame::OnTheWire => self.sample.phases = phases,
+            Frame::Late => {
+                self.sample.phases = phases;
+                self.servo(MISSING_FRAME);
+            }
+        }
+    }
+
+    /// Encoder frame received.
+    #[inline(always)]
+    fn on_frame(&mut self) {
+        let frame = encoder::read_frame();
+        // An interrupt still pending from a frame that was given up finds nothing to do.
+        if self.frame == Frame::OnTheWire {
+            self.servo(frame);
+        }
+    }
+
+    #[inline(always)]
+    fn servo(&mut self, frame: u64) {
+        self.frame = Frame::None;
+        self.sample.frame = frame;
+        self.sample.bridge_fault = pwm::take_break();
+        let bridge = self.control.on_servo(&self.sample);
+        self.apply(bridge);
+        self.sample.last_tick_cycles = cycles().wrapping_sub(self.servo_began_cycles);
+    }
+
+    /// Off takes effect at once, everything else at the next underflow. While off, the compares rest at one half.
+    #[inline(always)]
+    fn apply(&mut self, bridge: Bridge) {
+        match (self.bridge_enabled, bridge.enabled) {
+            (true, true) => pwm::write_compares(bridge.compare),
+            (false, true) => {
+                pwm::write_compares(bridge.compare);
+                pwm::bridge_on();
+            }
+            (true, false) => {
+                pwm::bridge_off();
+                pwm::write_compares([PWM_TOP / 2; 3]);
+            }
+            (false, false) => {}
+        }
+        self.bridge_enabled = bridge.enabled;
+    }
+}
+
+/// Written once by [`PowerStage::start`], then used by the three interrupts below and by nothing else.
+struct LoopCell(UnsafeCell<MaybeUninit<Loop>>);
+
+// SAFETY: see `LoopCell::get`.
+unsafe impl Sync for LoopCell {}
+
+static LOOP: LoopCell = LoopCell(UnsafeCell::new(MaybeUninit::uninit()));
+
+impl LoopCell {
+    /// # Safety
+    /// Only from the P0 interrupts. They are unmasked after the cell is written, and interrupts of one priority do not
+    /// pre-empt each other ([`priorities::check`] has read the priorities back), so there is one reference at a time.
+    #[inline(always)]
+    #[allow(clippy::mut_from_ref)]
+    unsafe fn get(&self) -> &mut Loop {
+        // SAFETY: as above.
+        unsafe { (*self.0.get()).assume_init_mut() }
+    }
+}
+
+#[interrupt]
+fn TIM1_UP() {
+    // SAFETY: a P0 interrupt.
+    unsafe { LOOP.get() }.on_update();
+}
+
+#[interrupt]
+fn ADC() {
+    // SAFETY: a P0 interrupt.
+    unsafe { LOOP.get() }.on_phases();
+}
+
+#[interrupt]
+fn SPI1() {
+    // SAFETY: a P0 interrupt.
+    unsafe { LOOP.get() }.on_frame();
+}

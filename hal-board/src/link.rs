@@ -1,0 +1,31 @@
+//! The serial link: USART3 to the ST-LINK's virtual COM port, interrupt-driven ring buffers.
+
+use embassy_stm32::usart::{BufferedInterruptHandler, BufferedUart, Config};
+use embassy_stm32::{Peri, bind_interrupts, peripherals};
+use static_cell::ConstStaticCell;
+
+/// Bits per second; 8 data bits, no parity, one stop bit.
+pub const BAUD: u32 = 921_600;
+
+/// Byte stream to the host: implements the `embedded-io-async` traits.
+pub type Link = BufferedUart<'static>;
+
+bind_interrupts!(struct Interrupts {
+    USART3 => BufferedInterruptHandler<peripherals::USART3>;
+});
+
+pub fn open(
+    usart: Peri<'static, peripherals::USART3>,
+    rx: Peri<'static, peripherals::PD9>,
+    tx: Peri<'static, peripherals::PD8>,
+) -> Link {
+    static TX: ConstStaticCell<[u8; 1024]> = ConstStaticCell::new([0; 1024]);
+    static RX: ConstStaticCell<[u8; 1024]> = ConstStaticCell::new([0; 1024]);
+    let mut config = Config::default();
+    config.baudrate = BAUD;
+    match BufferedUart::new(usart, rx, tx, TX.take(), RX.take(), Interrupts, config) {
+        Ok(link) => link,
+        // The rate is a constant that fits the clock; there is nothing a caller could do.
+        Err(_) => unreachable!(),
+    }
+}

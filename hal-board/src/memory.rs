@@ -1,0 +1,30 @@
+//! Memories that need more than the linker: hot code in ITCM, parameter sectors in flash.
+
+use core::arch::global_asm;
+
+/// Erase unit of the flash, bytes.
+pub const PARAMETER_SECTOR_BYTES: u32 = 128 * 1024;
+/// Offsets from the start of flash of the two sectors that hold the parameter images: the end of bank 2, so that writing
+/// them does not stall code, which runs from bank 1.
+pub const PARAMETER_SECTORS: [u32; 2] = [0x1C_0000, 0x1E_0000];
+
+// Copies hot code to ITCM before `main`. In assembly because Rust code must not run before RAM is initialised, and here
+// because the compiler may call functions that live in ITCM anywhere, `memcpy` first of all.
+global_asm!(
+    ".section .text.__pre_init, \"ax\"",
+    ".global __pre_init",
+    ".type __pre_init, %function",
+    ".thumb_func",
+    "__pre_init:",
+    "ldr r0, =__sitcm",
+    "ldr r1, =__eitcm",
+    "ldr r2, =__siitcm",
+    "0: cmp r0, r1",
+    "bhs 1f",
+    "ldm r2!, {{r3}}",
+    "stm r0!, {{r3}}",
+    "b 0b",
+    "1: dsb",
+    "isb",
+    "bx lr",
+);
