@@ -12,7 +12,8 @@ use embassy_stm32::pac::adccommon::vals::Presc;
 use embassy_stm32::pac::{ADC1, ADC2, ADC3, ADC3_COMMON, ADC12_COMMON};
 use embassy_stm32::{peripherals, rcc};
 
-use crate::PhaseCodes;
+use servo_core::current::PhaseCodes;
+
 use crate::clocks::CORE_HZ;
 
 /// Phase A on ADC1: PC0.

@@ -14,12 +14,15 @@ use core::cell::UnsafeCell;
 use core::mem::MaybeUninit;
 
 use embassy_stm32::interrupt;
+use servo_core::axis::ServoSample;
+use servo_core::current::{Bridge, PhaseCodes};
+use servo_core::{PERIODS_PER_TICK, PWM_TOP};
 
 use crate::adc::{self, SlowInputs};
 use crate::clocks::cycles;
 use crate::encoder::{self, MISSING_FRAME};
 use crate::priorities::{self, PriorityFault};
-use crate::{Bridge, PERIODS_PER_TICK, PWM_TOP, PhaseCodes, ServoSample, pwm};
+use crate::pwm;
 
 /// What a converter reports that did not deliver.
 const MISSING_PHASES: PhaseCodes = PhaseCodes { a: u16::MAX, b: u16::MAX };
@@ -97,7 +100,14 @@ impl Loop {
             frame: Frame::None,
             bridge_enabled: false,
             slow: SlowInputs::new(),
-            sample: ServoSample::default(),
+            sample: ServoSample {
+                phases: MISSING_PHASES,
+                frame: MISSING_FRAME,
+                bus_code: 0,
+                temperature_code: 0,
+                bridge_fault: false,
+                last_tick_cycles: 0,
+            },
             servo_began_cycles: 0,
         }
     }

@@ -11,7 +11,7 @@ use embassy_stm32::pac::spi::regs::Cr1;
 use embassy_stm32::pac::spi::vals::{Comm, Cpha, Cpol, Fthlv, Master, Mbr};
 use embassy_stm32::{peripherals, rcc};
 
-/// What [`Sample::frame`](crate::ServoSample) holds when no frame arrived in time. No encoder sends it: the line never
+/// What [`ServoSample::frame`](servo_core::axis::ServoSample) holds when no frame arrived in time. No encoder sends it: the line never
 /// leaves its resting level.
 pub const MISSING_FRAME: u64 = u64::MAX;
 

@@ -37,7 +37,8 @@ pub(crate) fn take() -> Option<&'static str> {
     // valid `Block`; volatile, so that the compiler makes no assumption about memory that nobody wrote.
     let block = unsafe { (*BLOCK.0.get()).as_mut_ptr() };
     // SAFETY: as above.
-    let (magic, length) = unsafe { ((&raw const (*block).magic).read_volatile(), (&raw const (*block).length).read_volatile()) };
+    let (magic, length) =
+        unsafe { ((&raw const (*block).magic).read_volatile(), (&raw const (*block).length).read_volatile()) };
     // SAFETY: as above.
     unsafe { (&raw mut (*block).magic).write_volatile(0) };
     if magic != MAGIC {

@@ -13,9 +13,6 @@
 //! phase-current conversions and the end of the encoder frame ([`control`]). Everything else is at P2 or lower, and
 //! critical sections mask P1 and below only ([`critical`]): no library lock can delay the control loop.
 #![no_std]
-#![warn(missing_docs)]
-#![deny(unsafe_op_in_unsafe_fn)]
-#![warn(clippy::undocumented_unsafe_blocks)]
 
 mod adc;
 pub mod capture;
@@ -30,14 +27,11 @@ mod pins;
 pub mod priorities;
 mod pwm;
 mod reset;
-mod stub;
 
-
-pub use control::{Control, PowerStage};
+pub use control::{Control, PowerStage, StartFault};
 pub use link::Link;
-pub use memory::{PARAMETER_SECTORS, PARAMETER_SECTOR_BYTES};
+pub use memory::{PARAMETER_SECTOR_BYTES, PARAMETER_SECTORS, stack_free_bytes};
 pub use reset::ResetCause;
-pub use stub::*;
 
 /// What [`init`] leaves to the application.
 pub struct Board {

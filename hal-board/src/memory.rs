@@ -8,6 +8,23 @@ pub const PARAMETER_SECTOR_BYTES: u32 = 128 * 1024;
 /// them does not stall code, which runs from bank 1.
 pub const PARAMETER_SECTORS: [u32; 2] = [0x1C_0000, 0x1E_0000];
 
+/// Bytes of the stack that have never been used, from the paint that start-up code put there.
+pub fn stack_free_bytes() -> u32 {
+    unsafe extern "C" {
+        static _stack_end: u32;
+        static _stack_start: u32;
+    }
+    let (mut word, top) = (&raw const _stack_end, &raw const _stack_start);
+    let mut free_bytes = 0;
+    // SAFETY: aligned reads of RAM between the linker's limits; volatile, because the stack is in use meanwhile.
+    while word < top && unsafe { word.read_volatile() } == cortex_m_rt::STACK_PAINT_VALUE {
+        // SAFETY: at most one past the end.
+        word = unsafe { word.add(1) };
+        free_bytes += 4;
+    }
+    free_bytes
+}
+
 // Copies hot code to ITCM before `main`. In assembly because Rust code must not run before RAM is initialised, and here
 // because the compiler may call functions that live in ITCM anywhere, `memcpy` first of all.
 global_asm!(

@@ -21,6 +21,17 @@ const OTHERS: [(Interrupt, Priority); 2] = [
     (Interrupt::USART3, Priority::P7), // serial link
 ];
 
+/// Prints the priorities of the table as the NVIC has them.
+pub struct ReadBack;
+
+impl defmt::Format for ReadBack {
+    fn format(&self, f: defmt::Formatter) {
+        for line in CONTROL.into_iter().chain(OTHERS.map(|(line, _)| line)) {
+            defmt::write!(f, "{} {=u8} ", line, level(line as u8));
+        }
+    }
+}
+
 /// Number of interrupt lines of the part.
 const LINES: u8 = 150;
 

@@ -9,7 +9,8 @@ use embassy_stm32::pac::timer::regs::{BdtrAdv, SrAdv};
 use embassy_stm32::pac::timer::vals::{Bkp, Cms, FilterValue, Lock, OcmGp, Ossi, Ossr};
 use embassy_stm32::{peripherals, rcc};
 
-use crate::PWM_TOP;
+use servo_core::PWM_TOP;
+
 use crate::clocks::{CYCLES_PER_COUNT, TIMER_HZ};
 
 /// Time between one side of a phase switching off and the other switching on, ns.

@@ -1,0 +1,178 @@
+//! The drive on both sides of the interrupt boundary, and the queues between.
+//!
+//! ```text
+//!            orders (3)                       records (127)     telemetry
+//! commands ─────────────▶ control interrupts ─────────────────▶ task
+//!   task   ◀─────────────   Axis             ─────────────────▶
+//!           outcomes (3)                      snapshots (1)
+//! ```
+//! Every queue is lock-free with one producer and one consumer. The interrupts never wait: what does not fit is dropped
+//! and counted.
+
+use core::cell::Cell;
+
+use embassy_time::Timer;
+use heapless::spsc::{Consumer, Producer, Queue};
+use servo_board::Control;
+use servo_core::axis::{Axis, ServoSample};
+use servo_core::capture;
+use servo_core::config::{Compensator, Config};
+use servo_core::current::{Bridge, PhaseCodes};
+use servo_core::drive::{Command, Counters, Outcome};
+use servo_core::record::TickRecord;
+use servo_core::refusal::Refusal;
+use servo_core::settling::Settling;
+use static_cell::{ConstStaticCell, StaticCell};
+
+/// Records that fit between two visits of the telemetry task: 15 ms.
+const RECORDS: usize = 128;
+
+/// What tasks hand to the servo tick; it takes one per tick.
+#[derive(Clone, Copy)]
+pub enum Order {
+    /// For the drive, answered by an outcome.
+    Command(Command),
+    /// For the capture, checked beforehand and not answered.
+    Capture(capture::Order),
+}
+
+/// What the drive knows about itself beyond the tick's record.
+#[derive(Clone, Copy, Default)]
+pub struct Snapshot {
+    /// Counts and extremes since start.
+    pub counters: Counters,
+    /// How the last move settled, so far.
+    pub settling: Settling,
+    /// Where the capture stands.
+    pub capture: capture::Progress,
+    /// Compensator in use.
+    pub compensator: Compensator,
+    /// Records that found the queue full.
+    pub records_dropped: u32,
+}
+
+/// The interrupts' side: the axis and its ends of the queues.
+pub struct InInterrupts {
+    axis: Axis,
+    orders: Consumer<'static, Order>,
+    outcomes: Producer<'static, Outcome>,
+    records: Producer<'static, TickRecord>,
+    snapshots: Producer<'static, Snapshot>,
+    records_dropped: u32,
+}
+
+impl Control for InInterrupts {
+    fn on_period(&mut self, phases: PhaseCodes) -> Bridge {
+        self.axis.on_period(phases)
+    }
+
+    fn on_servo(&mut self, sample: &ServoSample) -> Bridge {
+        let command = match self.orders.dequeue() {
+            Some(Order::Command(command)) => Some(command),
+            Some(Order::Capture(order)) => {
+                self.axis.arm_capture(order);
+                None
+            }
+            None => None,
+        };
+        let output = self.axis.on_servo(sample, command);
+        if let Some(outcome) = output.outcome {
+            // As many fit as orders, so there is room.
+            let _ = self.outcomes.enqueue(outcome);
+        }
+        if let Some(sample) = output.sample {
+            for (offset, word) in sample.words.into_iter().enumerate() {
+                servo_board::capture::store(sample.at as usize + offset, word);
+            }
+        }
+        if self.records.enqueue(output.record).is_err() {
+            self.records_dropped += 1;
+        }
+        if self.snapshots.ready() {
+            let drive = self.axis.drive();
+            let _ = self.snapshots.enqueue(Snapshot {
+                counters: drive.counters(),
+                settling: drive.settling(),
+                capture: self.axis.capture().progress(),
+                compensator: drive.config().compensator,
+                records_dropped: self.records_dropped,
+            });
+        }
+        output.bridge
+    }
+}
+
+/// The telemetry task's side.
+pub struct Reports {
+    /// One per servo tick.
+    pub records: Consumer<'static, TickRecord>,
+    /// A new one is made as soon as the last one has been taken.
+    pub snapshots: Consumer<'static, Snapshot>,
+}
+
+/// The command task's side.
+pub struct Commander {
+    orders: Producer<'static, Order>,
+    outcomes: Consumer<'static, Outcome>,
+}
+
+impl Commander {
+    /// Hands a command to the next servo tick and waits for the answer, one or two ticks.
+    ///
+    /// # Errors
+    /// The drive's refusal, or [`Refusal::Busy`] if no tick took the command within 10 ms.
+    pub async fn execute(&mut self, command: Command) -> Outcome {
+        while self.outcomes.dequeue().is_some() {}
+        self.orders.enqueue(Order::Command(command)).map_err(|_| Refusal::Busy)?;
+        for _ in 0..40 {
+            Timer::after_micros(250).await;
+            if let Some(outcome) = self.outcomes.dequeue() {
+                return outcome;
+            }
+        }
+        Err(Refusal::Busy)
+    }
+
+    /// Orders a capture.
+    ///
+    /// # Errors
+    /// What [`capture::Order::check`] refuses, or [`Refusal::Busy`].
+    pub fn capture(&mut self, order: capture::Order) -> Outcome {
+        let order = order.check(servo_board::capture::WORDS as u32)?;
+        self.orders.enqueue(Order::Capture(order)).map_err(|_| Refusal::Busy)
+    }
+}
+
+/// What the telemetry task last saw, for the other tasks. All tasks run in one executor, so plain cells do.
+#[derive(Default)]
+pub struct Latest {
+    /// Record of the newest tick.
+    pub record: Cell<TickRecord>,
+    /// Newest snapshot.
+    pub snapshot: Cell<Snapshot>,
+    /// Frames that arrived garbled on the serial link.
+    pub garbled_frames: Cell<u32>,
+}
+
+/// Makes the drive and splits it. To be called once.
+pub fn split(config: Config) -> (&'static mut InInterrupts, Commander, Reports) {
+    static ORDERS: ConstStaticCell<Queue<Order, 4>> = ConstStaticCell::new(Queue::new());
+    static OUTCOMES: ConstStaticCell<Queue<Outcome, 4>> = ConstStaticCell::new(Queue::new());
+    static RECORDS_QUEUE: ConstStaticCell<Queue<TickRecord, RECORDS>> = ConstStaticCell::new(Queue::new());
+    static SNAPSHOTS: ConstStaticCell<Queue<Snapshot, 2>> = ConstStaticCell::new(Queue::new());
+    static IN_INTERRUPTS: StaticCell<InInterrupts> = StaticCell::new();
+    let (orders_in, orders_out) = ORDERS.take().split();
+    let (outcomes_in, outcomes_out) = OUTCOMES.take().split();
+    let (records_in, records_out) = RECORDS_QUEUE.take().split();
+    let (snapshots_in, snapshots_out) = SNAPSHOTS.take().split();
+    let in_interrupts = IN_INTERRUPTS.init(InInterrupts {
+        axis: Axis::new(config),
+        orders: orders_out,
+        outcomes: outcomes_in,
+        records: records_in,
+        snapshots: snapshots_in,
+        records_dropped: 0,
+    });
+    let commander = Commander { orders: orders_in, outcomes: outcomes_out };
+    (in_interrupts, commander, Reports { records: records_out, snapshots: snapshots_out })
+}
