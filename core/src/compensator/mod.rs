@@ -1,0 +1,3 @@
+//! What acts beside the PID to settle faster.
+
+pub mod niasa;

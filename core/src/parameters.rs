@@ -1,0 +1,213 @@
+//! All parameters of the drive: one table of id, name, unit, range, default, access and meaning.
+//!
+//! From it come the [`Settings`] struct, its validation, the wire ids and the names that a person types.
+
+use crate::refusal::{Field, Refusal};
+
+/// When a parameter may change.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Access {
+    /// Any time; the change is bumpless.
+    Always,
+    /// Only with the bridge off.
+    BridgeOff,
+}
+
+/// One row of the table.
+#[derive(Clone, Copy, Debug)]
+pub struct Parameter {
+    /// Number on the wire and in stored images; never reused.
+    pub id: u16,
+    /// Name as typed; the field of [`Settings`].
+    pub name: &'static str,
+    /// Unit of the value; empty for pure numbers and choices.
+    pub unit: &'static str,
+    /// Lowest allowed value.
+    pub min: f64,
+    /// Highest allowed value.
+    pub max: f64,
+    /// Value of a new drive.
+    pub default: f64,
+    /// When it may change.
+    pub access: Access,
+    /// What it does.
+    pub doc: &'static str,
+    get: fn(&Settings) -> f64,
+    get_mut: fn(&mut Settings) -> &mut f64,
+}
+
+impl Parameter {
+    /// The row with this id.
+    pub fn by_id(id: u16) -> Option<&'static Parameter> {
+        TABLE.iter().find(|p| p.id == id)
+    }
+
+    /// The row with this name.
+    pub fn by_name(name: &str) -> Option<&'static Parameter> {
+        TABLE.iter().find(|p| p.name == name)
+    }
+
+    /// Its value in `settings`.
+    pub fn get(&self, settings: &Settings) -> f64 {
+        (self.get)(settings)
+    }
+
+    /// Puts `value` into `settings`.
+    ///
+    /// # Errors
+    /// Outside the row's range (or NaN): refused, nothing changed.
+    pub fn set(&self, settings: &mut Settings, value: f64) -> Result<(), Refusal> {
+        *(self.get_mut)(settings) = Refusal::check(Field::Parameter(self.id), value, self.min, self.max)?;
+        Ok(())
+    }
+}
+
+macro_rules! parameters {
+    ($($id:literal $name:ident $unit:literal [$min:expr, $max:expr] $default:expr, $access:ident, $doc:literal;)+) => {
+        /// Values of all parameters, in the units of the table.
+        #[derive(Clone, Copy, Debug, PartialEq)]
+        pub struct Settings {
+            $(#[doc = $doc] #[doc = concat!("\n\nUnit: ", $unit)] pub $name: f64,)+
+        }
+
+        impl Default for Settings {
+            fn default() -> Self {
+                Settings { $($name: $default,)+ }
+            }
+        }
+
+        /// Every parameter, by ascending id.
+        pub static TABLE: &[Parameter] = &[$(Parameter {
+            id: $id, name: stringify!($name), unit: $unit, min: $min, max: $max, default: $default, access: Access::$access, doc: $doc,
+            get: |s| s.$name, get_mut: |s| &mut s.$name,
+        },)+];
+    };
+}
+
+parameters! {
+    0x0101 encoder_count_m "m" [1e-12, 1e-6] 4e-6 / 65536.0, BridgeOff, "Length of one encoder count.";
+    0x0102 encoder_origin_ct "ct" [0.0, 4_294_967_295.0] 2_147_483_648.0, BridgeOff, "Encoder reading at position 0.";
+    0x0201 magnet_pitch_m "m" [1e-3, 1.0] 0.03, BridgeOff, "Length of one electrical turn of the motor (a pair of poles).";
+    0x0202 commutation_offset_m "m" [-1.0, 1.0] 0.0, BridgeOff, "Added to the position before it becomes an electrical angle.";
+    0x0203 force_constant_n_per_a "N/A" [0.1, 1000.0] 7.8, BridgeOff, "Force per ampere of the dq frame's q axis (peak).";
+    0x0204 phase_resistance_ohm "Ω" [0.01, 100.0] 3.0, BridgeOff, "Phase to star resistance.";
+    0x0205 phase_inductance_h "H" [1e-5, 0.1] 1.5e-3, BridgeOff, "Phase to star inductance.";
+    0x0206 current_bandwidth_hz "Hz" [100.0, 5000.0] 3000.0, BridgeOff, "Closed-loop bandwidth of the current loop.";
+    0x0207 current_full_scale_a "A" [0.1, 200.0] 10.0, BridgeOff, "Phase current at either end of the converter's range.";
+    0x0208 current_limit_a "A" [0.01, 200.0] 8.0, BridgeOff, "Largest current set-point; with the force constant, the force limit.";
+    0x0209 over_current_a "A" [0.01, 200.0] 9.5, BridgeOff, "A phase current above this is a fault in the same period.";
+    0x020a dead_time_s "s" [0.0, 5e-6] 0.5e-6, BridgeOff, "Dead time to compensate; 0 turns the compensation off.";
+    0x020b dead_time_band_a "A" [1e-3, 10.0] 0.05, BridgeOff, "Phase current at which dead time takes its full toll.";
+    0x020c bus_full_scale_v "V" [1.0, 1000.0] 80.0, BridgeOff, "Bus voltage at the end of the converter's range.";
+    0x020d bus_min_v "V" [1.0, 1000.0] 24.0, BridgeOff, "Below this the bridge is not turned on, and off if it was.";
+    0x020e bus_max_v "V" [1.0, 1000.0] 60.0, BridgeOff, "Above this the bridge is off.";
+    0x0301 position_gain_per_s "1/s" [0.0, 1e5] 431.974_539_479_188_14, Always, "Position loop gain K_p.";
+    0x0302 velocity_gain_n_s_per_m "N s/m" [1e-3, 1e6] 912.0, Always, "Velocity loop gain K_v; k_D of the parallel form.";
+    0x0303 velocity_integral_per_s "1/s" [0.0, 1e5] 40.613_179_819_057_46, Always, "Integral rate K_i of the velocity loop.";
+    0x0304 feedforward_mass_kg "kg" [0.0, 1000.0] 0.0, Always, "Acceleration feedforward.";
+    0x0305 following_error_max_m "m" [1e-7, 1.0] 200e-6, Always, "A larger position error is a fault.";
+    0x0401 travel_min_m "m" [-10.0, 10.0] -0.05, BridgeOff, "Lowest position a move may have as target.";
+    0x0402 travel_max_m "m" [-10.0, 10.0] 0.05, BridgeOff, "Highest position a move may have as target.";
+    0x0403 velocity_max_m_per_s "m/s" [1e-6, 10.0] 0.5, Always, "Highest speed a move may ask for.";
+    0x0404 acceleration_max_m_per_s2 "m/s²" [1e-6, 500.0] 20.0, Always, "Highest acceleration a move may ask for, and that of a stop.";
+    0x0501 compensator "" [0.0, 1.0] 0.0, Always, "0: none. 1: NIASA.";
+    0x0502 niasa_stiffness_n_per_m "N/m" [1e3, 1e9] 4e6, Always, "σ̂ of the friction model; better too low than too high (8.1.1).";
+    0x0503 niasa_coulomb_n "N" [1e-3, 1e3] 0.6, Always, "F̂_C of the friction model.";
+    0x0504 niasa_time_constant_s "s" [1e-4, 10.0] 0.01, Always, "τ_d: time constant of settling.";
+    0x0505 niasa_rate_limit_n "N" [1e-6, 1e3] 0.015, Always, "Largest change of the nonlinear integrator per tick (8.1): 2·F̂_C·dt/τ_d.";
+    0x0506 niasa_hysteresis_m "m" [0.0, 1e-6] 1e-9, Always, "Return from an extreme that counts as a velocity reversal; about twice the encoder's rms noise.";
+    0x0507 niasa_frozen_in_profile "" [0.0, 1.0] 0.0, Always, "0: acts always. 1: frozen while the profile moves (8.1.2).";
+    0x0508 niasa_with_proportional "" [0.0, 1.0] 0.0, Always, "0: schedules dF/dx beside the linear integral (App. E). 1: schedules dF/dx + k_P instead of it (7.55).";
+    0x0601 tick_limit_cycles "cycles" [100.0, 65_000.0] 10_000.0, BridgeOff, "A servo tick longer than this is a fault; the default is one PWM period at 400 MHz.";
+}
+
+impl Settings {
+    /// Checks every value against its row, and the pairs that must be in order.
+    ///
+    /// # Errors
+    /// The first value that is out of range, with the range.
+    pub fn validate(&self) -> Result<(), Refusal> {
+        for parameter in TABLE {
+            Refusal::check(Field::Parameter(parameter.id), parameter.get(self), parameter.min, parameter.max)?;
+        }
+        Refusal::check(Field::Parameter(0x020e), self.bus_max_v, self.bus_min_v, self.bus_full_scale_v)?;
+        Refusal::check(Field::Parameter(0x0209), self.over_current_a, self.current_limit_a, self.current_full_scale_a)?;
+        // Distances and the electrical turn are computed in 32-bit counts.
+        Refusal::check(
+            Field::Parameter(0x0402),
+            self.travel_max_m,
+            self.travel_min_m,
+            self.travel_min_m + 4.2e9 * self.encoder_count_m,
+        )?;
+        Refusal::check(
+            Field::Parameter(0x0201),
+            self.magnet_pitch_m,
+            1e3 * self.encoder_count_m,
+            1e9 * self.encoder_count_m,
+        )?;
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cascade::{CascadeGains, ParallelGains};
+
+    #[test]
+    fn the_defaults_are_valid() {
+        assert_eq!(Settings::default().validate(), Ok(()));
+    }
+
+    #[test]
+    fn ids_and_names_are_unique_and_in_order() {
+        for pair in TABLE.windows(2) {
+            assert!(pair[0].id < pair[1].id, "{:#06x}", pair[1].id);
+        }
+        for p in TABLE {
+            assert_eq!(Parameter::by_id(p.id).unwrap().name, p.name);
+            assert_eq!(Parameter::by_name(p.name).unwrap().id, p.id);
+        }
+    }
+
+    #[test]
+    fn every_parameter_refuses_what_is_outside_its_range_and_keeps_the_old_value() {
+        for p in TABLE {
+            for value in [p.min - 1.0, p.max + 1.0, f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+                let mut settings = Settings::default();
+                let Err(Refusal::OutOfRange { field, value: named, min, max }) = p.set(&mut settings, value) else {
+                    panic!("{} took {value}", p.name)
+                };
+                assert_eq!((field, min, max), (Field::Parameter(p.id), p.min, p.max));
+                assert_eq!(named.to_bits(), value.to_bits());
+                assert_eq!(settings, Settings::default());
+            }
+            let mut settings = Settings::default();
+            p.set(&mut settings, p.max).unwrap();
+            assert_eq!(p.get(&settings), p.max);
+        }
+    }
+
+    #[test]
+    fn a_negative_time_constant_is_refused_by_name() {
+        let refused =
+            Parameter::by_name("niasa_time_constant_s").unwrap().set(&mut Settings::default(), -0.01).unwrap_err();
+        extern crate std;
+        use std::string::ToString;
+        assert_eq!(refused.to_string(), "niasa_time_constant_s = -0.01 s is outside 0.0001 … 10 s");
+    }
+
+    #[test]
+    fn the_default_gains_are_the_standard_tuning_of_the_thesis() {
+        let s = Settings::default();
+        let cascade = CascadeGains {
+            position_per_s: s.position_gain_per_s,
+            velocity_n_s_per_m: s.velocity_gain_n_s_per_m,
+            integral_per_s: s.velocity_integral_per_s,
+        };
+        let parallel = cascade.to_parallel();
+        let standard = ParallelGains { kp_n_per_m: 4.31e5, ki_n_per_m_s: 1.6e7, kd_n_s_per_m: 912.0 };
+        assert!((parallel.kp_n_per_m / standard.kp_n_per_m - 1.0).abs() < 1e-3, "{parallel:?}");
+        assert!((parallel.ki_n_per_m_s / standard.ki_n_per_m_s - 1.0).abs() < 1e-3, "{parallel:?}");
+    }
+}

@@ -1,0 +1,154 @@
+//! One tick, written down.
+
+use crate::fault::Fault;
+use crate::position::Position;
+use crate::state::State;
+
+/// Conditions of a tick, as bits of [`TickRecord::flags`].
+pub mod flags {
+    /// A profile moves the reference.
+    pub const MOVING: u16 = 1 << 0;
+    /// The force limit acts: integrators hold.
+    pub const FORCE_LIMITED: u16 = 1 << 1;
+    /// NIASA's rate limit (8.1) acts.
+    pub const RATE_LIMITED: u16 = 1 << 2;
+    /// NIASA acts.
+    pub const COMPENSATED: u16 = 1 << 3;
+    /// This tick's encoder frame was unusable.
+    pub const FRAME_BAD: u16 = 1 << 4;
+    /// The encoder's warning bit.
+    pub const ENCODER_WARNING: u16 = 1 << 5;
+    /// The bridge is on.
+    pub const BRIDGE_ON: u16 = 1 << 6;
+}
+
+/// Number of 32-bit words of a record.
+pub const WORDS: usize = 16;
+
+/// What the drive saw, thought and did in one servo tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct TickRecord {
+    /// Tick number since start; gaps are lost records.
+    pub sequence: u32,
+    /// Measured position.
+    pub position: Position,
+    /// Set-point − position, counts.
+    pub error_ct: i32,
+    /// Proportional and derivative force, N.
+    pub proportional_n: f32,
+    /// Force of the linear integrator, N.
+    pub integral_n: f32,
+    /// Force of the nonlinear integrator, N.
+    pub niasa_n: f32,
+    /// Acceleration feedforward, N.
+    pub feedforward_n: f32,
+    /// Force asked of the motor, N: the sum, limited.
+    pub force_n: f32,
+    /// Modelled friction, N.
+    pub friction_n: f32,
+    /// Modelled slope of friction, N/m.
+    pub slope_n_per_m: f32,
+    /// Current set-point, A.
+    pub iq_set_a: f32,
+    /// Measured current, A.
+    pub iq_a: f32,
+    /// Bus voltage, V.
+    pub bus_v: f32,
+    /// See [`flags`].
+    pub flags: u16,
+    /// Power state.
+    pub state: State,
+    /// First fault, if any.
+    pub fault: Option<Fault>,
+    /// Duration of the previous tick, CPU cycles, saturated.
+    pub tick_cycles: u16,
+}
+
+impl TickRecord {
+    /// The record as words in a fixed order, floats by their bits: what captures store and golden hashes cover.
+    pub fn words(&self) -> [u32; WORDS] {
+        let fault = self.fault.map_or(0, Fault::number);
+        [
+            self.sequence,
+            self.position.0 as u32,
+            (self.position.0 >> 32) as u32,
+            self.error_ct as u32,
+            self.proportional_n.to_bits(),
+            self.integral_n.to_bits(),
+            self.niasa_n.to_bits(),
+            self.feedforward_n.to_bits(),
+            self.force_n.to_bits(),
+            self.friction_n.to_bits(),
+            self.slope_n_per_m.to_bits(),
+            self.iq_set_a.to_bits(),
+            self.iq_a.to_bits(),
+            self.bus_v.to_bits(),
+            u32::from(self.flags) | u32::from(self.tick_cycles) << 16,
+            u32::from(fault) | (self.state as u32) << 16,
+        ]
+    }
+}
+
+/// FNV-1a over 32-bit words: a fingerprint for comparing runs, not a checksum.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Fingerprint(pub u64);
+
+impl Default for Fingerprint {
+    fn default() -> Self {
+        Fingerprint(0xcbf2_9ce4_8422_2325)
+    }
+}
+
+impl Fingerprint {
+    /// Takes in words, least significant byte first.
+    #[must_use]
+    pub fn with(self, words: &[u32]) -> Self {
+        let step = |hash: u64, byte: u8| (hash ^ u64::from(byte)).wrapping_mul(0x100_0000_01b3);
+        Fingerprint(words.iter().flat_map(|w| w.to_le_bytes()).fold(self.0, step))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_fingerprint_is_fnv_1a() {
+        // Published value for the bytes "foobar".
+        let hash = |bytes: &[u8]| {
+            bytes.iter().fold(Fingerprint::default().0, |h, b| (h ^ u64::from(*b)).wrapping_mul(0x100_0000_01b3))
+        };
+        assert_eq!(hash(b"foobar"), 0x8594_4171_f739_67e8);
+        assert_eq!(Fingerprint::default().with(&[u32::from_le_bytes(*b"foob")]).0, hash(b"foob"));
+    }
+
+    #[test]
+    fn every_field_of_a_record_reaches_its_words() {
+        let zero = TickRecord::default();
+        let changed = [
+            TickRecord { sequence: 1, ..zero },
+            TickRecord { position: Position(1), ..zero },
+            TickRecord { position: Position(1 << 40), ..zero },
+            TickRecord { error_ct: 1, ..zero },
+            TickRecord { proportional_n: 1.0, ..zero },
+            TickRecord { integral_n: 1.0, ..zero },
+            TickRecord { niasa_n: 1.0, ..zero },
+            TickRecord { feedforward_n: 1.0, ..zero },
+            TickRecord { force_n: 1.0, ..zero },
+            TickRecord { friction_n: 1.0, ..zero },
+            TickRecord { slope_n_per_m: 1.0, ..zero },
+            TickRecord { iq_set_a: 1.0, ..zero },
+            TickRecord { iq_a: 1.0, ..zero },
+            TickRecord { bus_v: 1.0, ..zero },
+            TickRecord { flags: 1, ..zero },
+            TickRecord { tick_cycles: 1, ..zero },
+            TickRecord { fault: Some(Fault::OverCurrent), ..zero },
+            TickRecord { state: State::Fault, ..zero },
+        ];
+        for (i, a) in changed.iter().enumerate() {
+            assert_ne!(a.words(), zero.words(), "change {i}");
+            assert!(changed[i + 1..].iter().all(|b| a.words() != b.words()), "change {i} is not told apart");
+        }
+    }
+}

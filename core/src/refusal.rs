@@ -1,0 +1,120 @@
+//! Why the drive did not do what it was told: always with the name, the value and what would have been allowed.
+
+use crate::parameters::Parameter;
+use crate::state::State;
+
+/// What a refused value was meant for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Field {
+    /// A parameter, by its id in [`crate::parameters::TABLE`].
+    Parameter(u16),
+    /// Target position of a move, m.
+    Target,
+    /// Speed limit of a move, m/s.
+    Velocity,
+    /// Acceleration of a move, m/s².
+    Acceleration,
+    /// Proportional gain k_P of the parallel form, N/m.
+    ProportionalGain,
+    /// Integral gain k_I of the parallel form, N/(m s).
+    IntegralGain,
+    /// Derivative gain k_D of the parallel form, N s/m.
+    DerivativeGain,
+    /// Number of samples of a capture.
+    Samples,
+    /// Decimation of a capture.
+    Decimation,
+    /// Measured bus voltage, V.
+    BusVoltage,
+}
+
+impl Field {
+    /// Name and unit for a person.
+    pub fn name(self) -> (&'static str, &'static str) {
+        match self {
+            Field::Parameter(id) => match Parameter::by_id(id) {
+                Some(parameter) => (parameter.name, parameter.unit),
+                None => ("unknown parameter", ""),
+            },
+            Field::Target => ("target", "m"),
+            Field::Velocity => ("velocity", "m/s"),
+            Field::Acceleration => ("acceleration", "m/s²"),
+            Field::ProportionalGain => ("proportional gain", "N/m"),
+            Field::IntegralGain => ("integral gain", "N/(m s)"),
+            Field::DerivativeGain => ("derivative gain", "N s/m"),
+            Field::Samples => ("samples", ""),
+            Field::Decimation => ("decimation", ""),
+            Field::BusVoltage => ("bus voltage", "V"),
+        }
+    }
+}
+
+/// A command that was not carried out. Nothing has changed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Refusal {
+    /// A value outside its range (NaN is outside every range).
+    OutOfRange {
+        /// What it was for.
+        field: Field,
+        /// The value, in the field's unit.
+        value: f64,
+        /// Lowest allowed value.
+        min: f64,
+        /// Highest allowed value.
+        max: f64,
+    },
+    /// No parameter has this id.
+    UnknownParameter(u16),
+    /// Not in this state.
+    WrongState(State),
+    /// A motion is running; stop it or wait.
+    Moving,
+    /// The encoder has no valid position.
+    NoPosition,
+    /// The drive has a command in hand; send again.
+    Busy,
+}
+
+impl Refusal {
+    /// `Ok(value)` if `min <= value <= max`, else the refusal that says so.
+    pub fn check(field: Field, value: f64, min: f64, max: f64) -> Result<f64, Refusal> {
+        if value >= min && value <= max { Ok(value) } else { Err(Refusal::OutOfRange { field, value, min, max }) }
+    }
+}
+
+impl core::fmt::Display for Refusal {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match *self {
+            Refusal::OutOfRange { field, value, min, max } => {
+                let (name, unit) = field.name();
+                let space = if unit.is_empty() { "" } else { " " };
+                write!(f, "{name} = {value}{space}{unit} is outside {min} … {max}{space}{unit}")
+            }
+            Refusal::UnknownParameter(id) => write!(f, "there is no parameter {id:#06x}"),
+            Refusal::WrongState(state) => write!(f, "not possible in state {state}"),
+            Refusal::Moving => f.write_str("a motion is running: stop it or wait for its end"),
+            Refusal::NoPosition => f.write_str("the encoder gives no valid position"),
+            Refusal::Busy => f.write_str("the drive has not yet taken the last command: send this one again"),
+        }
+    }
+}
+
+impl core::error::Error for Refusal {}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use super::*;
+    use std::string::ToString;
+
+    #[test]
+    fn a_refusal_names_field_value_and_range() {
+        let refused = Refusal::check(Field::Velocity, f64::NAN, 1e-6, 2.0).unwrap_err();
+        assert_eq!(refused.to_string(), "velocity = NaN m/s is outside 0.000001 … 2 m/s");
+        assert_eq!(Refusal::check(Field::Velocity, 2.0, 1e-6, 2.0), Ok(2.0));
+    }
+}
