@@ -1,0 +1,135 @@
+//! Requests and replies.
+//!
+//! The order of the variants is the wire format: new ones go to the end, [`Request::Identity`] and [`Reply::Identity`] never
+//! change, and any other change raises [`PROTOCOL`].
+
+use heapless::Vec;
+use serde::{Deserialize, Serialize};
+use servo_core::capture::{Order, Progress};
+use servo_core::cascade::ParallelGains;
+use servo_core::config::Compensator;
+use servo_core::drive::Counters;
+use servo_core::fault::Fault;
+use servo_core::profile::Limits;
+use servo_core::refusal::Refusal;
+use servo_core::settling::Settling;
+use servo_core::state::State;
+
+/// Number of this version of the messages.
+pub const PROTOCOL: u16 = 1;
+
+/// Words in one block of capture data.
+pub const BLOCK_WORDS: usize = 90;
+
+/// Parameters in one request.
+pub const PARAMETERS_PER_REQUEST: usize = 16;
+
+/// What the host asks.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Request {
+    /// Who are you? Answered by every version: [`Reply::Identity`].
+    Identity,
+    /// [`Reply::Status`].
+    Status,
+    /// Close the loops at the present position.
+    Enable,
+    /// Bridge off.
+    Disable,
+    /// Acknowledge a fault.
+    ResetFault,
+    /// Move to a position.
+    Move {
+        /// Target, counts.
+        target_ct: i64,
+        /// Speed and acceleration.
+        limits: Limits,
+    },
+    /// Brake to rest.
+    Stop,
+    /// Choose the compensator.
+    Compensator(Compensator),
+    /// Set the cascade from gains of the parallel form.
+    Gains(ParallelGains),
+    /// Set parameters by id, all or none.
+    SetParameters(Vec<(u16, f64), PARAMETERS_PER_REQUEST>),
+    /// [`Reply::Parameter`].
+    GetParameter(u16),
+    /// How the last move settled: [`Reply::Settling`].
+    Settling,
+    /// Order a capture.
+    Capture(Order),
+    /// Read captured words from this index on: [`Reply::Capture`].
+    ReadCapture {
+        /// Index of the first word.
+        first: u32,
+    },
+}
+
+/// What the drive answers.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Reply {
+    /// To [`Request::Identity`].
+    Identity(Identity),
+    /// Done.
+    Done,
+    /// Not done, and why.
+    Refused(Refusal),
+    /// To [`Request::Status`].
+    Status(Status),
+    /// To [`Request::GetParameter`].
+    Parameter {
+        /// Its id.
+        id: u16,
+        /// Its value, in the unit of the table.
+        value: f64,
+    },
+    /// To [`Request::Settling`].
+    Settling(Settling),
+    /// To [`Request::ReadCapture`]: the words there are, up to a block.
+    Capture {
+        /// Index of the first word.
+        first: u32,
+        /// The words; see [`servo_core::capture::WORDS_PER_SAMPLE`].
+        words: Vec<u32, BLOCK_WORDS>,
+    },
+}
+
+/// Who the drive is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Identity {
+    /// [`PROTOCOL`] of the firmware.
+    pub protocol: u16,
+    /// Firmware version: major, minor, patch.
+    pub firmware: [u16; 3],
+    /// Encoder counts are this many femtometres long.
+    pub count_fm: u64,
+    /// The chip's serial number.
+    pub serial: [u32; 3],
+}
+
+/// What the drive is doing.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Status {
+    /// Power state.
+    pub state: State,
+    /// First fault since the last reset.
+    pub fault: Option<Fault>,
+    /// A profile moves the reference.
+    pub moving: bool,
+    /// Measured position, counts.
+    pub position_ct: i64,
+    /// Set-point − position, counts.
+    pub error_ct: i32,
+    /// Force, N.
+    pub force_n: f32,
+    /// Bus voltage, V.
+    pub bus_v: f32,
+    /// Counts since start.
+    pub counters: Counters,
+    /// Where the capture stands.
+    pub capture: Progress,
+    /// Frames from the host that could not be read.
+    pub bad_requests: u32,
+    /// Tick records that no task took in time.
+    pub lost_records: u32,
+}
