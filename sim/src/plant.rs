@@ -1,0 +1,203 @@
+//! The plant: motor, mass and friction advanced together, and what its sensors say.
+
+use serde::{Deserialize, Serialize};
+
+use crate::friction::Friction;
+use crate::motor::{BridgeState, Drive, Motor};
+use crate::random::{BEFORE_FIRST_MOVE, Noise, Purpose};
+use crate::stage::Stage;
+use crate::{adc, encoder};
+
+/// Longest internal step, ns: a quarter of a 40 kHz period.
+///
+/// With the built-in stage, halving it moves a settling stage by less than 0.1 nm (a test).
+pub const SUBSTEP_MAX_NS: u64 = 6_250;
+
+/// The simulated stage with its electronics. All of its state can be stored and continued with the same bits.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Plant {
+    stage: Stage,
+    seed: u64,
+    position_m: f64,
+    velocity_m_per_s: f64,
+    /// Displacement that the friction has not been told of: its force is taken in the middle of a step.
+    untold_m: f64,
+    force_n: f64,
+    motor: Motor,
+    friction: Friction,
+    encoder_noise: Noise,
+    phase_noise: Noise,
+    slow_noise: Noise,
+}
+
+impl Plant {
+    /// The stage at rest in mid-travel, without current, friction virgin and nominal until [`Plant::redraw_friction`].
+    pub fn new(stage: &Stage, seed: u64) -> Plant {
+        let noise = |purpose| Noise::new(seed, purpose, BEFORE_FIRST_MOVE);
+        Plant {
+            stage: *stage,
+            seed,
+            position_m: 0.0,
+            velocity_m_per_s: 0.0,
+            untold_m: 0.0,
+            force_n: 0.0,
+            motor: Motor::new(stage),
+            friction: Friction::new(&stage.friction),
+            encoder_noise: noise(Purpose::Encoder),
+            phase_noise: noise(Purpose::PhaseAdc),
+            slow_noise: noise(Purpose::SlowAdc),
+        }
+    }
+
+    /// Begins a move: draws its σ and F_C, and restarts every noise, from (seed, `move_index`) and nothing else.
+    ///
+    /// Two configurations therefore meet the same friction and the same noise in the same move, in whatever order or
+    /// thread the moves are run. The friction force keeps its fraction of F_C. Without `friction.spread` in the stage file
+    /// σ and F_C stay nominal.
+    pub fn redraw_friction(&mut self, move_index: u64) {
+        let noise = |purpose| Noise::new(self.seed, purpose, move_index);
+        let nominal = &self.stage.friction;
+        if let Some(spread) = &nominal.spread {
+            let mut draw = noise(Purpose::Friction);
+            let stiffness_n_per_m = nominal.stiffness_n_per_m + spread.stiffness_std_n_per_m * draw.normal();
+            let coulomb_n = nominal.coulomb_n + spread.coulomb_std_n * draw.normal();
+            self.friction.set(
+                stiffness_n_per_m.max(spread.stiffness_min_n_per_m).min(spread.stiffness_max_n_per_m),
+                coulomb_n.max(spread.coulomb_min_n).min(spread.coulomb_max_n),
+            );
+        }
+        self.encoder_noise = noise(Purpose::Encoder);
+        self.phase_noise = noise(Purpose::PhaseAdc);
+        self.slow_noise = noise(Purpose::SlowAdc);
+    }
+
+    /// Advances the truth by `dt_ns` (0 is nothing) with a constant average bridge output.
+    pub fn advance(&mut self, dt_ns: u64, bridge: &BridgeState) {
+        self.advance_in_steps(dt_ns, bridge, SUBSTEP_MAX_NS);
+    }
+
+    fn advance_in_steps(&mut self, dt_ns: u64, bridge: &BridgeState, longest_ns: u64) {
+        let steps = dt_ns.div_ceil(longest_ns);
+        let dt_s = dt_ns as f64 * 1e-9 / steps as f64;
+        let step = Step::new(&self.stage, bridge, dt_s);
+        for _ in 0..steps {
+            self.step(&step);
+        }
+    }
+
+    /// Drift, kick, drift: half a step of motion, all forces there, the other half with the new velocity.
+    #[inline]
+    fn step(&mut self, step: &Step) {
+        self.drift(step);
+        self.force_n = self.motor.step(&step.drive, self.position_m, self.velocity_m_per_s);
+        let friction_n = self.friction.advance(std::mem::take(&mut self.untold_m));
+        self.velocity_m_per_s = step.glide * self.velocity_m_per_s + step.m_per_n_s * (self.force_n - friction_n);
+        self.drift(step);
+    }
+
+    /// Moves for half a step with the present velocity; a hard stop takes the velocity away.
+    #[inline]
+    fn drift(&mut self, step: &Step) {
+        let mut moved_m = self.velocity_m_per_s * step.half_s;
+        if (self.position_m + moved_m).abs() > step.end_m {
+            moved_m = step.end_m.copysign(moved_m) - self.position_m;
+            self.velocity_m_per_s = 0.0;
+        }
+        self.position_m += moved_m;
+        self.untold_m += moved_m;
+    }
+
+    /// The pins of the phase A and B current channels, each with the noise of one conversion, as a fraction of full scale
+    /// in `0.0..=1.0`: 0.5 at 0 A, 1.0 at `full_scale_a` into the motor.
+    pub fn phase_adc(&mut self) -> [f64; 2] {
+        let [a, b, _] = self.motor.currents_a();
+        [a, b].map(|current_a| {
+            adc::bipolar(
+                current_a,
+                self.stage.amplifier.full_scale_a,
+                self.stage.adc.noise_lsb_rms,
+                &mut self.phase_noise,
+            )
+        })
+    }
+
+    /// [`Plant::phase_adc`] as 16-bit codes, 32768 at 0 A.
+    pub fn phase_codes(&mut self) -> [u16; 2] {
+        self.phase_adc().map(adc::code)
+    }
+
+    /// The pin of the bus-voltage channel with the noise of one conversion: 1.0 at `bus_full_scale_v`.
+    pub fn bus_adc(&mut self) -> f64 {
+        let scale = &self.stage.adc;
+        adc::linear(self.stage.amplifier.bus_v, 0.0, scale.bus_full_scale_v, scale.noise_lsb_rms, &mut self.slow_noise)
+    }
+
+    /// The pin of the heat sink's temperature channel with the noise of one conversion: linear from `temperature_zero_c` at
+    /// 0.0 to `temperature_full_scale_c` at 1.0.
+    pub fn temperature_adc(&mut self) -> f64 {
+        let scale = &self.stage.adc;
+        let (zero_c, full_scale_c) = (scale.temperature_zero_c, scale.temperature_full_scale_c);
+        adc::linear(self.stage.amplifier.temperature_c, zero_c, full_scale_c, scale.noise_lsb_rms, &mut self.slow_noise)
+    }
+
+    /// A BiSS-C frame of the position now, with the noise of one reading: 64 line bits, first bit in bit 63.
+    pub fn encoder_frame(&mut self) -> u64 {
+        let scale = &self.stage.encoder;
+        let position_m = self.position_m + scale.noise_m_rms * self.encoder_noise.normal();
+        encoder::frame(encoder::counts(position_m, scale.count_m), false, false, scale.acknowledge_bits)
+    }
+
+    /// The stage file's values.
+    pub fn stage(&self) -> &Stage {
+        &self.stage
+    }
+
+    /// True position, m, 0 in mid-travel.
+    pub fn position_m(&self) -> f64 {
+        self.position_m
+    }
+
+    /// True velocity, m/s.
+    pub fn velocity_m_per_s(&self) -> f64 {
+        self.velocity_m_per_s
+    }
+
+    /// Force of the rolling friction, N; positive opposes positive motion.
+    pub fn friction_n(&self) -> f64 {
+        self.friction.force_n()
+    }
+
+    /// Force of the motor in the last internal step, N.
+    pub fn force_n(&self) -> f64 {
+        self.force_n
+    }
+
+    /// Current into phases A, B, C, A.
+    pub fn currents_a(&self) -> [f64; 3] {
+        self.motor.currents_a()
+    }
+}
+
+/// What is the same in every internal step of an interval.
+struct Step {
+    drive: Drive,
+    half_s: f64,
+    /// Trapezoidal rule for `m dv/dt = F − d v`: `v ← glide · v + m_per_n_s · F`.
+    glide: f64,
+    m_per_n_s: f64,
+    end_m: f64,
+}
+
+impl Step {
+    fn new(stage: &Stage, bridge: &BridgeState, dt_s: f64) -> Step {
+        let mechanics = &stage.mechanics;
+        let half_drag = 0.5 * dt_s * mechanics.viscous_n_s_per_m / mechanics.mass_kg;
+        Step {
+            drive: Drive::new(stage, bridge, dt_s),
+            half_s: 0.5 * dt_s,
+            glide: (1.0 - half_drag) / (1.0 + half_drag),
+            m_per_n_s: dt_s / mechanics.mass_kg / (1.0 + half_drag),
+            end_m: 0.5 * mechanics.travel_m,
+        }
+    }
+}

@@ -1,0 +1,308 @@
+//! The stage file: everything about the simulated hardware in one TOML text.
+
+use std::ops::Range;
+
+use serde::{Deserialize, Serialize};
+use toml::de::{DeTable, DeValue};
+
+use crate::friction::MAX_ELEMENTS;
+use crate::plant::SUBSTEP_MAX_NS;
+
+/// The built-in stage file, `sim/stages/als130h.toml`: a worked example of the format.
+pub const BUILT_IN_TOML: &str = include_str!("../stages/als130h.toml");
+
+/// The simulated hardware. Plain data; [`Stage::from_toml`] is where it is checked.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Stage {
+    /// The moving mass and its travel.
+    pub mechanics: Mechanics,
+    /// The rolling friction of its guides.
+    pub friction: Friction,
+    /// The three-phase linear motor.
+    pub motor: Motor,
+    /// The bridge and its current sensors.
+    pub amplifier: Amplifier,
+    /// The converters.
+    pub adc: Adc,
+    /// The position encoder.
+    pub encoder: Encoder,
+}
+
+/// The moving mass and its travel.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Mechanics {
+    /// Moving mass, kg, 0.01 to 1000.
+    pub mass_kg: f64,
+    /// Distance between the hard stops, m, 1e-6 to 10; position 0 is in the middle.
+    pub travel_m: f64,
+    /// Viscous friction, N s/m, 0 to 1e4.
+    pub viscous_n_s_per_m: f64,
+}
+
+/// The rolling friction of the guides.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Friction {
+    /// The model of the truth.
+    pub model: FrictionModel,
+    /// Elements of the Maxwell-slip model, 1 to 32; 12 if not given.
+    #[serde(default = "default_elements")]
+    pub elements: usize,
+    /// Dahl's stiffness σ, N/m, at least 1; at most what the internal step resolves (a tenth of a radian of the resonance).
+    pub stiffness_n_per_m: f64,
+    /// Coulomb level F_C, N, 1e-6 to 1e4.
+    pub coulomb_n: f64,
+    /// How both vary from move to move; not at all if not given.
+    pub spread: Option<Spread>,
+}
+
+/// The friction models to choose from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum FrictionModel {
+    /// Parallel elements with non-local memory.
+    MaxwellSlip,
+    /// Dahl's differential equation, with local memory.
+    Dahl,
+}
+
+/// Normal distributions around the nominal values, clipped, drawn once per move.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Spread {
+    /// Standard deviation of σ, N/m, 0 to the nominal value.
+    pub stiffness_std_n_per_m: f64,
+    /// Smallest σ, N/m, 1 to the nominal value.
+    pub stiffness_min_n_per_m: f64,
+    /// Largest σ, N/m, from the nominal value to what the internal step resolves.
+    pub stiffness_max_n_per_m: f64,
+    /// Standard deviation of F_C, N, 0 to the nominal value.
+    pub coulomb_std_n: f64,
+    /// Smallest F_C, N, 1e-6 to the nominal value.
+    pub coulomb_min_n: f64,
+    /// Largest F_C, N, from the nominal value to 1e4.
+    pub coulomb_max_n: f64,
+}
+
+/// The three-phase linear motor, star point floating.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Motor {
+    /// Force per q current (amplitude-invariant: per peak phase ampere), N/A, 0.01 to 1000.
+    pub force_constant_n_per_a: f64,
+    /// Resistance of a phase, Ω, 0.001 to 1000.
+    pub resistance_ohm: f64,
+    /// Inductance of a phase, H, 1e-5 to 1.
+    pub inductance_h: f64,
+    /// Length of one electrical period, m, 1e-3 to 1.
+    pub magnet_pitch_m: f64,
+    /// Position of electrical angle 0, with the opposite sign, m, −1 to 1.
+    pub commutation_offset_m: f64,
+}
+
+/// The bridge and its current sensors.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Amplifier {
+    /// Bus voltage, V, 1 to 1000.
+    pub bus_v: f64,
+    /// Phase current at the ends of the converter's range, A, 0.01 to 1000.
+    pub full_scale_a: f64,
+    /// Frequency of the bridge, Hz, 1e3 to 1e6; the dead time costs its voltage once a period.
+    pub pwm_hz: f64,
+    /// Dead time of the bridge as built, s, 0 to half a period. The plant uses that in [`crate::BridgeState`].
+    pub dead_time_s: f64,
+    /// Phase current below which the dead time's voltage error fades, A, 0.01 to 100.
+    pub dead_time_band_a: f64,
+    /// Temperature of the heat sink, °C, −50 to 200; constant.
+    pub temperature_c: f64,
+}
+
+/// The converters, 16 bit.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Adc {
+    /// White noise of a conversion, LSB rms, 0 to 1000.
+    pub noise_lsb_rms: f64,
+    /// Bus voltage at full scale, V, 1 to 1000.
+    pub bus_full_scale_v: f64,
+    /// Temperature at code 0, °C, −300 to 1000.
+    pub temperature_zero_c: f64,
+    /// Temperature at full scale, °C, above that at code 0, to 1000.
+    pub temperature_full_scale_c: f64,
+}
+
+/// The position encoder.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Encoder {
+    /// One count, m, at most 1e-3; the travel must fit into 2^32 of them.
+    pub count_m: f64,
+    /// White noise of a reading, m rms, 0 to 1e-3.
+    pub noise_m_rms: f64,
+    /// Zeros between idle and start bit of a frame (the encoder's processing time), 1 to 20.
+    pub acknowledge_bits: u32,
+}
+
+/// What is wrong with a stage file, and in which line (from 1).
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum StageError {
+    /// Not TOML, or a key is missing, unknown or of the wrong type.
+    #[error("line {line}: {message}")]
+    Format {
+        /// Line of the value or, of what is missing, of its table.
+        line: usize,
+        /// What was found and expected, with the key.
+        message: String,
+    },
+    /// A value that this hardware cannot have.
+    #[error("line {line}: {key} = {value} is outside {range}")]
+    OutOfRange {
+        /// Line of the value.
+        line: usize,
+        /// Full key, such as `motor.inductance_h`.
+        key: &'static str,
+        /// The value as it is written.
+        value: String,
+        /// What is allowed.
+        range: String,
+    },
+}
+
+impl Stage {
+    /// Reads and checks a stage file.
+    ///
+    /// # Errors
+    /// The first wrong thing found, with its line, key, value and range.
+    pub fn from_toml(text: &str) -> Result<Stage, StageError> {
+        let stage: Stage = toml::from_str(text).map_err(|error| format_error(text, &error))?;
+        let wrong = stage.limits().into_iter().find(|limit| !(limit.from..=limit.to).contains(&limit.value));
+        wrong.map_or(Ok(stage), |limit| Err(limit.error(text)))
+    }
+
+    /// Every value with its range; NaN is in none of them.
+    fn limits(&self) -> Vec<Limit> {
+        let Stage { mechanics, friction, motor, amplifier, adc, encoder } = self;
+        // The resonance turns by sqrt(2 σ / m) times the internal step, in radians.
+        let substep_s = SUBSTEP_MAX_NS as f64 * 1e-9;
+        let stiffest_n_per_m = 0.5 * mechanics.mass_kg * (0.1 / substep_s) * (0.1 / substep_s);
+        let finest_count_m = mechanics.travel_m / (u64::from(u32::MAX) - 1) as f64;
+        let limit = |key, value, from, to| Limit { key, value, from, to };
+        let mut limits = vec![
+            limit("mechanics.mass_kg", mechanics.mass_kg, 0.01, 1e3),
+            limit("mechanics.travel_m", mechanics.travel_m, 1e-6, 10.0),
+            limit("mechanics.viscous_n_s_per_m", mechanics.viscous_n_s_per_m, 0.0, 1e4),
+            limit("friction.elements", friction.elements as f64, 1.0, MAX_ELEMENTS as f64),
+            limit("friction.stiffness_n_per_m", friction.stiffness_n_per_m, 1.0, stiffest_n_per_m),
+            limit("friction.coulomb_n", friction.coulomb_n, 1e-6, 1e4),
+            limit("motor.force_constant_n_per_a", motor.force_constant_n_per_a, 0.01, 1e3),
+            limit("motor.resistance_ohm", motor.resistance_ohm, 1e-3, 1e3),
+            limit("motor.inductance_h", motor.inductance_h, 1e-5, 1.0),
+            limit("motor.magnet_pitch_m", motor.magnet_pitch_m, 1e-3, 1.0),
+            limit("motor.commutation_offset_m", motor.commutation_offset_m, -1.0, 1.0),
+            limit("amplifier.bus_v", amplifier.bus_v, 1.0, 1e3),
+            limit("amplifier.full_scale_a", amplifier.full_scale_a, 0.01, 1e3),
+            limit("amplifier.pwm_hz", amplifier.pwm_hz, 1e3, 1e6),
+            limit("amplifier.dead_time_s", amplifier.dead_time_s, 0.0, 0.5 / amplifier.pwm_hz),
+            limit("amplifier.dead_time_band_a", amplifier.dead_time_band_a, 0.01, 100.0),
+            limit("amplifier.temperature_c", amplifier.temperature_c, -50.0, 200.0),
+            limit("adc.noise_lsb_rms", adc.noise_lsb_rms, 0.0, 1e3),
+            limit("adc.bus_full_scale_v", adc.bus_full_scale_v, 1.0, 1e3),
+            limit("adc.temperature_zero_c", adc.temperature_zero_c, -300.0, 1e3),
+            limit("adc.temperature_full_scale_c", adc.temperature_full_scale_c, adc.temperature_zero_c + 1.0, 1e3),
+            limit("encoder.count_m", encoder.count_m, finest_count_m, 1e-3),
+            limit("encoder.noise_m_rms", encoder.noise_m_rms, 0.0, 1e-3),
+            limit("encoder.acknowledge_bits", f64::from(encoder.acknowledge_bits), 1.0, 20.0),
+        ];
+        if let Some(spread) = &friction.spread {
+            let (stiffness, coulomb) = (friction.stiffness_n_per_m, friction.coulomb_n);
+            limits.extend([
+                limit("friction.spread.stiffness_std_n_per_m", spread.stiffness_std_n_per_m, 0.0, stiffness),
+                limit("friction.spread.stiffness_min_n_per_m", spread.stiffness_min_n_per_m, 1.0, stiffness),
+                limit(
+                    "friction.spread.stiffness_max_n_per_m",
+                    spread.stiffness_max_n_per_m,
+                    stiffness,
+                    stiffest_n_per_m,
+                ),
+                limit("friction.spread.coulomb_std_n", spread.coulomb_std_n, 0.0, coulomb),
+                limit("friction.spread.coulomb_min_n", spread.coulomb_min_n, 1e-6, coulomb),
+                limit("friction.spread.coulomb_max_n", spread.coulomb_max_n, coulomb, 1e4),
+            ]);
+        }
+        limits
+    }
+}
+
+impl Default for Stage {
+    /// The built-in stage.
+    fn default() -> Stage {
+        // A test reads the built-in text; there is no run-time input that could make this fail.
+        Stage::from_toml(BUILT_IN_TOML).expect("the built-in stage file is valid")
+    }
+}
+
+fn default_elements() -> usize {
+    12
+}
+
+/// A value and the closed range it must lie in.
+struct Limit {
+    key: &'static str,
+    value: f64,
+    from: f64,
+    to: f64,
+}
+
+impl Limit {
+    fn error(&self, text: &str) -> StageError {
+        let span = span_of(text, self.key);
+        StageError::OutOfRange {
+            line: line_of(text, span.start),
+            key: self.key,
+            // A default that was not written cannot be out of range, but its dependants' ranges are never empty either.
+            value: text.get(span).filter(|written| !written.is_empty()).map_or(self.value.to_string(), str::to_string),
+            range: format!("{:?} to {:?}", self.from, self.to),
+        }
+    }
+}
+
+fn format_error(text: &str, error: &toml::de::Error) -> StageError {
+    let at = error.span().map_or(0, |span| span.start);
+    let key =
+        DeTable::parse(text).ok().and_then(|table| key_at(table.get_ref(), at)).map_or(String::new(), |key| key + ": ");
+    StageError::Format { line: line_of(text, at), message: format!("{key}{}", error.message().trim_end()) }
+}
+
+/// Line number, from 1, of a byte of the text.
+fn line_of(text: &str, byte: usize) -> usize {
+    1 + text.bytes().take(byte).filter(|b| *b == b'\n').count()
+}
+
+/// Where the value of a full key is written; an empty range at the start if it is not.
+fn span_of(text: &str, key: &str) -> Range<usize> {
+    let Ok(table) = DeTable::parse(text) else { return 0..0 };
+    let (mut table, mut span) = (table.get_ref(), 0..0);
+    for part in key.split('.') {
+        let Some(value) = table.get(part) else { return 0..0 };
+        span = value.span();
+        match value.get_ref() {
+            DeValue::Table(inner) => table = inner,
+            _ => break,
+        }
+    }
+    span
+}
+
+/// The full key whose value, or whose name, is written at a byte of the text.
+fn key_at(table: &DeTable<'_>, byte: usize) -> Option<String> {
+    table.iter().find_map(|(key, value)| {
+        let name = key.get_ref();
+        match value.get_ref() {
+            DeValue::Table(inner) => key_at(inner, byte).map(|rest| format!("{name}.{rest}")),
+            _ => (value.span().contains(&byte)).then(|| name.to_string()),
+        }
+    })
+}
