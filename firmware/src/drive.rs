@@ -16,7 +16,7 @@ use heapless::spsc::{Consumer, Producer, Queue};
 use servo_board::Control;
 use servo_core::axis::{Axis, ServoSample};
 use servo_core::capture;
-use servo_core::config::{Compensator, Config};
+use servo_core::config::Config;
 use servo_core::current::{Bridge, PhaseCodes};
 use servo_core::drive::{Command, Counters, Outcome};
 use servo_core::record::TickRecord;
@@ -45,8 +45,6 @@ pub struct Snapshot {
     pub settling: Settling,
     /// Where the capture stands.
     pub capture: capture::Progress,
-    /// Compensator in use.
-    pub compensator: Compensator,
     /// Records that found the queue full.
     pub records_dropped: u32,
 }
@@ -94,7 +92,6 @@ impl Control for InInterrupts {
                 counters: drive.counters(),
                 settling: drive.settling(),
                 capture: self.axis.capture().progress(),
-                compensator: drive.config().compensator,
                 records_dropped: self.records_dropped,
             });
         }

@@ -2,6 +2,7 @@
 #![no_std]
 #![no_main]
 
+mod commands;
 mod drive;
 mod housekeeping;
 mod telemetry;
@@ -11,9 +12,18 @@ use defmt_rtt as _;
 use embassy_executor::{SpawnError, SpawnToken, Spawner};
 use servo_core::config::Config;
 use servo_core::parameters::Settings;
+use servo_protocol::message::{Identity, PROTOCOL};
 use static_cell::StaticCell;
 
+use crate::commands::Commands;
 use crate::drive::Latest;
+
+/// Version of the firmware: major, minor, patch.
+const VERSION: [u16; 3] = [
+    number(env!("CARGO_PKG_VERSION_MAJOR")),
+    number(env!("CARGO_PKG_VERSION_MINOR")),
+    number(env!("CARGO_PKG_VERSION_PATCH")),
+];
 
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
@@ -33,12 +43,22 @@ async fn main(spawner: Spawner) {
         Ok(config) => config,
         Err(refusal) => return error!("not started: {}", refusal),
     };
-    let (in_interrupts, _commander, reports) = drive::split(config);
+    let (in_interrupts, commander, reports) = drive::split(config);
     static LATEST: StaticCell<Latest> = StaticCell::new();
     let latest: &'static Latest = LATEST.init(Latest::default());
 
     if let Err(fault) = board.power_stage.start(in_interrupts) {
         error!("control loop not started: {}", fault);
+    }
+    let identity = Identity {
+        protocol: PROTOCOL,
+        firmware: VERSION,
+        count_fm: (settings.encoder_count_m * 1e15 + 0.5) as u64,
+        serial: board.serial,
+    };
+    match board.link {
+        Ok(link) => spawn(&spawner, commands::run(link, Commands { identity, settings, commander, latest })),
+        Err(error) => error!("no serial link: {}", error),
     }
     spawn(&spawner, telemetry::run(reports, latest));
     spawn(&spawner, housekeeping::run(latest));
@@ -48,5 +68,13 @@ fn spawn<S>(spawner: &Spawner, task: Result<SpawnToken<S>, SpawnError>) {
     match task {
         Ok(token) => spawner.spawn(token),
         Err(_) => error!("a task is started twice"),
+    }
+}
+
+/// A decimal number, at compile time.
+const fn number(digits: &str) -> u16 {
+    match u16::from_str_radix(digits, 10) {
+        Ok(number) => number,
+        Err(_) => u16::MAX,
     }
 }

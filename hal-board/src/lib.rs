@@ -36,11 +36,15 @@ pub use reset::ResetCause;
 /// What [`init`] leaves to the application.
 pub struct Board {
     /// Serial link: USART3, the virtual COM port of the on-board ST-LINK.
-    pub link: Link,
+    ///
+    /// An error means that the bit rate does not fit the clock, a defect of this crate.
+    pub link: Result<Link, embassy_stm32::usart::ConfigError>,
     /// Bridge, current converters and encoder: configured, stopped, outputs off.
     pub power_stage: PowerStage,
     /// Core clock, Hz.
     pub core_hz: u32,
+    /// Serial number of the chip.
+    pub serial: [u32; 3],
     /// Why the processor started.
     pub reset_cause: ResetCause,
     /// Message of the panic or fault that ended the previous run, if one did.
@@ -68,5 +72,6 @@ pub fn init() -> Board {
     adc::configure();
 
     let link = link::open(p.USART3, p.PD9, p.PD8);
-    Board { link, power_stage: PowerStage::new(), core_hz, reset_cause, last_words }
+    let serial = [0, 1, 2].map(|word| embassy_stm32::pac::UID.uid(word).read());
+    Board { link, power_stage: PowerStage::new(), core_hz, serial, reset_cause, last_words }
 }

@@ -1,6 +1,6 @@
 //! The serial link: USART3 to the ST-LINK's virtual COM port, interrupt-driven ring buffers.
 
-use embassy_stm32::usart::{BufferedInterruptHandler, BufferedUart, Config};
+use embassy_stm32::usart::{BufferedInterruptHandler, BufferedUart, Config, ConfigError};
 use embassy_stm32::{Peri, bind_interrupts, peripherals};
 use static_cell::ConstStaticCell;
 
@@ -18,14 +18,10 @@ pub fn open(
     usart: Peri<'static, peripherals::USART3>,
     rx: Peri<'static, peripherals::PD9>,
     tx: Peri<'static, peripherals::PD8>,
-) -> Link {
+) -> Result<Link, ConfigError> {
     static TX: ConstStaticCell<[u8; 1024]> = ConstStaticCell::new([0; 1024]);
     static RX: ConstStaticCell<[u8; 1024]> = ConstStaticCell::new([0; 1024]);
     let mut config = Config::default();
     config.baudrate = BAUD;
-    match BufferedUart::new(usart, rx, tx, TX.take(), RX.take(), Interrupts, config) {
-        Ok(link) => link,
-        // The rate is a constant that fits the clock; there is nothing a caller could do.
-        Err(_) => unreachable!(),
-    }
+    BufferedUart::new(usart, rx, tx, TX.take(), RX.take(), Interrupts, config)
 }

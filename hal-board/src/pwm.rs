@@ -4,9 +4,9 @@
 //! there the update interrupt starts the current conversions, and low-side shunts see the phase current. Compares are
 //! preloaded: what is written becomes active at the next underflow.
 
-use embassy_stm32::pac::TIM1;
 use embassy_stm32::pac::timer::regs::{BdtrAdv, SrAdv};
 use embassy_stm32::pac::timer::vals::{Bkp, Cms, FilterValue, Lock, OcmGp, Ossi, Ossr};
+use embassy_stm32::pac::{SYSCFG, TIM1};
 use embassy_stm32::{peripherals, rcc};
 
 use servo_core::PWM_TOP;
@@ -39,6 +39,7 @@ const BRIDGE_ON: BdtrAdv = BdtrAdv(BRIDGE_OFF.0 | 1 << 15);
 /// Sets the timer up, stopped, bridge off.
 pub fn configure() {
     rcc::enable_and_reset::<peripherals::TIM1>();
+    break_on_lockup();
     TIM1.cr1().write(|w| w.set_cms(Cms::CENTER_ALIGNED1));
     TIM1.psc().write_value(0);
     TIM1.arr().write(|w| w.set_arr(PWM_TOP));
@@ -63,6 +64,15 @@ pub fn configure() {
     TIM1.egr().write(|w| w.set_ug(true));
     TIM1.bdtr().write_value(BRIDGE_OFF);
     acknowledge_update();
+}
+
+/// Makes a locked-up core (a fault inside the fault handler) trip the break. The bit can only be set; the register is
+/// missing from the vendor's register description and so from the register crate.
+fn break_on_lockup() {
+    const CFGR_OFFSET_WORDS: usize = 0x18 / 4;
+    const CM7_LOCKUP: u32 = 1 << 6;
+    // SAFETY: SYSCFG_CFGR, RM0433 12.3.6; the clock of SYSCFG is on since `embassy_stm32::init`.
+    unsafe { SYSCFG.as_ptr().cast::<u32>().add(CFGR_OFFSET_WORDS).write_volatile(CM7_LOCKUP) };
 }
 
 /// Starts counting and checks on the first update that it comes at the underflow; true if it does.
