@@ -202,3 +202,158 @@ impl Commutation {
 
 /// √3 / 2.
 const SQRT_3_HALF: f64 = 0.866_025_403_784_438_6;
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    const DT_S: f64 = 6.25e-6;
+
+    fn bridge(duty: [f64; 3]) -> BridgeState {
+        BridgeState { duty, enabled: true, dead_time_s: 0.0 }
+    }
+
+    /// Phase values of a vector along the d and the q axis at a position of the built-in stage.
+    fn phases(position_m: f64, d: f64, q: f64) -> [f64; 3] {
+        let angle = TAU * position_m / 0.03;
+        [0.0, TAU / 3.0, -TAU / 3.0].map(|phase| d * libm::cos(angle - phase) - q * libm::sin(angle - phase))
+    }
+
+    fn duties(position_m: f64, d_v: f64, q_v: f64) -> [f64; 3] {
+        phases(position_m, d_v, q_v).map(|volts| 0.5 + volts / 48.0)
+    }
+
+    /// The motor after `time_s` at a fixed position and velocity, and its last force.
+    fn run(
+        mut motor: Motor,
+        bridge: &BridgeState,
+        position_m: f64,
+        velocity_m_per_s: f64,
+        time_s: f64,
+    ) -> (Motor, f64) {
+        let drive = Drive::new(&Stage::default(), bridge, DT_S);
+        let force_n = (0..(time_s / DT_S) as usize).fold(0.0, |_, _| motor.step(&drive, position_m, velocity_m_per_s));
+        (motor, force_n)
+    }
+
+    #[test]
+    fn a_q_voltage_gives_the_current_of_the_resistance_and_the_force_of_the_constant() {
+        for position_m in [0.0, 2.5e-3, -7.5e-3, 11e-3, 0.031] {
+            let (motor, force_n) =
+                run(Motor::new(&Stage::default()), &bridge(duties(position_m, 0.0, 6.0)), position_m, 0.0, 0.01);
+            for (current_a, expected_a) in motor.currents_a().into_iter().zip(phases(position_m, 0.0, 2.0)) {
+                assert!((current_a - expected_a).abs() < 1e-6, "at {position_m} m: {current_a} A, {expected_a} A");
+            }
+            assert!((force_n - 15.6).abs() < 1e-5, "at {position_m} m: {force_n} N");
+        }
+    }
+
+    #[test]
+    fn a_d_voltage_gives_no_force() {
+        let (motor, force_n) = run(Motor::new(&Stage::default()), &bridge(duties(4e-3, 6.0, 0.0)), 4e-3, 0.0, 0.01);
+        assert!((motor.currents_a()[0] - phases(4e-3, 2.0, 0.0)[0]).abs() < 1e-6);
+        assert!(force_n.abs() < 1e-9, "{force_n} N");
+    }
+
+    #[test]
+    fn the_commutation_offset_shifts_the_angle() {
+        let mut stage = Stage::default();
+        stage.motor.commutation_offset_m = 3e-3;
+        let (_, force_n) = run(Motor::new(&stage), &bridge(duties(5e-3, 0.0, 6.0)), 2e-3, 0.0, 0.01);
+        assert!((force_n - 15.6).abs() < 1e-5, "{force_n} N");
+    }
+
+    #[test]
+    fn the_voltage_that_balances_the_back_emf_drives_no_current() {
+        // 7.8 N/A of a dq frame that counts two thirds of the phases' power is 5.2 V s/m.
+        let (motor, force_n) = run(Motor::new(&Stage::default()), &bridge(duties(1e-3, 0.0, 5.2)), 1e-3, 1.0, 0.01);
+        assert!(motor.currents_a().into_iter().all(|current_a| current_a.abs() < 1e-9), "{:?}", motor.currents_a());
+        assert!(force_n.abs() < 1e-8);
+    }
+
+    #[test]
+    fn a_short_circuited_current_decays_with_l_over_r() {
+        let mut motor = Motor::new(&Stage::default());
+        motor.currents_a = [2.0, -0.5, -1.5];
+        let (after, _) = run(motor.clone(), &bridge([0.3; 3]), 0.0, 0.0, 1.5e-3 / 3.0);
+        for (before_a, after_a) in motor.currents_a.into_iter().zip(after.currents_a) {
+            assert!((after_a / before_a / libm::exp(-1.0) - 1.0).abs() < 1e-4);
+        }
+    }
+
+    #[test]
+    fn dead_time_costs_each_phase_its_share_of_the_bus_against_the_current() {
+        // 0.5 µs of 25 µs at 48 V: 0.96 V. With A driving and B and C returning, a third of 4 × 0.96 V is missing in A.
+        let with_dead_time = |q_v| BridgeState { dead_time_s: 0.5e-6, ..bridge([0.5 + q_v / 48.0, 0.5, 0.5]) };
+        for (step_v, expected_a) in [(9.0, (6.0 - 1.28) / 3.0), (-9.0, (-6.0 + 1.28) / 3.0), (0.0, 0.0)] {
+            let (motor, _) = run(Motor::new(&Stage::default()), &with_dead_time(step_v), 0.0, 0.0, 0.01);
+            assert!((motor.currents_a()[0] - expected_a).abs() < 1e-6, "{step_v} V: {:?}", motor.currents_a());
+        }
+    }
+
+    #[test]
+    fn a_small_current_meets_the_dead_time_as_a_resistance() {
+        // Well inside the band of 0.1 A: 3/2 × 0.96 V / 0.1 A = 14.4 Ω, and 3 Ω of the winding.
+        let small = BridgeState { dead_time_s: 0.5e-6, ..bridge(duties(0.0, 0.0, 0.0174)) };
+        let (motor, _) = run(Motor::new(&Stage::default()), &small, 0.0, 0.0, 0.01);
+        assert!((motor.currents_a()[1] / phases(0.0, 0.0, 1e-3)[1] - 1.0).abs() < 1e-3, "{:?}", motor.currents_a());
+    }
+
+    #[test]
+    fn nonsense_from_a_bridge_is_limited() {
+        let drive =
+            |duty, dead_time_s| Drive::new(&Stage::default(), &BridgeState { duty, enabled: true, dead_time_s }, DT_S);
+        assert_eq!(drive([2.0, -1.0, f64::NAN], 1.0), drive([1.0, 0.0, 0.0], 12.5e-6));
+        assert_eq!(drive([0.5; 3], -1.0), drive([0.5; 3], 0.0));
+        assert_eq!(drive([0.5; 3], f64::NAN), drive([0.5; 3], 0.0));
+    }
+
+    proptest! {
+        #[test]
+        fn electrical_power_is_copper_loss_and_mechanical_power_and_magnetic_energy(
+            duty in prop::array::uniform3(0.0..1.0),
+            position_m in -0.05..0.05,
+            velocity_m_per_s in -1.0..1.0,
+        ) {
+            let drive = Drive::new(&Stage::default(), &bridge(duty), DT_S);
+            let mut motor = Motor::new(&Stage::default());
+            for _ in 0..50 {
+                let before_a = motor.currents_a;
+                let force_n = motor.step(&drive, position_m, velocity_m_per_s);
+                let mean_a: [f64; 3] = std::array::from_fn(|k| 0.5 * (before_a[k] + motor.currents_a[k]));
+                let sum = |term: &dyn Fn(usize) -> f64| (0..3).map(term).sum::<f64>();
+                let electrical_w = sum(&|k| 48.0 * duty[k] * mean_a[k]);
+                let copper_w = sum(&|k| 3.0 * mean_a[k] * mean_a[k]);
+                let magnetic_w = sum(&|k| 0.5 * 1.5e-3 * (motor.currents_a[k].powi(2) - before_a[k].powi(2)) / DT_S);
+                let balance_w = electrical_w - copper_w - magnetic_w - force_n * velocity_m_per_s;
+                prop_assert!(balance_w.abs() < 1e-9 * (1.0 + electrical_w.abs()), "{} W of {} W", balance_w, electrical_w);
+            }
+        }
+
+        #[test]
+        fn with_the_bridge_off_every_current_falls_to_zero_without_changing_sign(
+            a in -10.0..10.0, b in -10.0..10.0, position_m in -0.05..0.05, velocity_m_per_s in -1.0..1.0, dt_s in 1e-7..6.25e-6,
+        ) {
+            let drive = Drive::new(&Stage::default(), &BridgeState::OFF, dt_s);
+            let mut motor = Motor::new(&Stage::default());
+            motor.currents_a = [a, b, -(a + b)];
+            // At worst 20 A against half the bus less the back-EMF of 1 m/s, 24 V − 5.2 V, through 1.5 mH: 1.6 ms.
+            let mut steps = (1.6e-3 / dt_s) as usize;
+            while motor.currents_a != [0.0; 3] {
+                prop_assert!(steps > 0, "still {:?}", motor.currents_a);
+                steps -= 1;
+                let before_a = motor.currents_a;
+                motor.step(&drive, position_m, velocity_m_per_s);
+                for (before_a, after_a) in before_a.into_iter().zip(motor.currents_a) {
+                    prop_assert!(before_a * after_a >= 0.0, "{} A became {} A", before_a, after_a);
+                    prop_assert!(before_a != 0.0 || after_a == 0.0, "an open phase stays open");
+                }
+                prop_assert!(motor.currents_a.iter().sum::<f64>().abs() < 1e-10);
+            }
+            prop_assert_eq!(motor.step(&drive, position_m, velocity_m_per_s), 0.0);
+            prop_assert_eq!(motor.currents_a, [0.0; 3]);
+        }
+    }
+}

@@ -201,3 +201,85 @@ impl Step {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::TAU;
+
+    use super::*;
+
+    /// A plant oscillating freely with a small amplitude; the mean time between two upward passages, s.
+    fn free_period_s(plant: &mut Plant, amplitude_m: f64, periods: u32) -> f64 {
+        let stiffness_n_per_m = 2.0 * plant.stage.friction.stiffness_n_per_m;
+        plant.velocity_m_per_s = amplitude_m * libm::sqrt(stiffness_n_per_m / plant.stage.mechanics.mass_kg);
+        let (mut passages_s, mut before_m) = (Vec::new(), 1.0);
+        for step in 0.. {
+            plant.advance(SUBSTEP_MAX_NS, &BridgeState::OFF);
+            if before_m < 0.0 && plant.position_m >= 0.0 {
+                let fraction = before_m / (before_m - plant.position_m);
+                passages_s.push((f64::from(step) + fraction) * SUBSTEP_MAX_NS as f64 * 1e-9);
+            }
+            before_m = plant.position_m;
+            if passages_s.len() > periods as usize {
+                break;
+            }
+        }
+        (passages_s[periods as usize] - passages_s[0]) / f64::from(periods)
+    }
+
+    #[test]
+    fn small_motions_resonate_at_twice_sigma_over_the_mass() {
+        for (mass_kg, stiffness_n_per_m) in [(1.8, 8.66e6), (1.2, 14.0e6), (1.8, 4.17e6)] {
+            let mut stage = Stage::default();
+            (stage.mechanics.mass_kg, stage.friction.stiffness_n_per_m) = (mass_kg, stiffness_n_per_m);
+            // Half a nanometre is less than the first element's reach.
+            let period_s = free_period_s(&mut Plant::new(&stage, 0), 0.5e-9, 20);
+            let expected_s = TAU / libm::sqrt(2.0 * stiffness_n_per_m / mass_kg);
+            assert!((period_s / expected_s - 1.0).abs() < 1e-3, "{period_s} s, {expected_s} s");
+        }
+    }
+
+    #[test]
+    fn viscous_friction_takes_velocity_with_its_time_constant() {
+        let mut stage = Stage::default();
+        stage.mechanics.viscous_n_s_per_m = 180.0;
+        stage.friction.coulomb_n = 1e-6;
+        let mut plant = Plant::new(&stage, 0);
+        plant.velocity_m_per_s = 0.5;
+        plant.advance(10_000_000, &BridgeState::OFF); // the mass over the drag
+        assert!((plant.velocity_m_per_s / 0.5 - libm::exp(-1.0)).abs() < 1e-6);
+    }
+
+    /// Position over time, one sample a tick of 125 µs, of a rough controller that steps the stage by `step_m`.
+    fn settling(stage: &Stage, step_m: f64, ticks: usize, longest_ns: u64) -> Vec<f64> {
+        let (k_p, k_i, k_d) = (4.31e5, 1.6e7, 912.0);
+        let (mut plant, mut integral_n, mut before_m) = (Plant::new(stage, 0), 0.0, 0.0);
+        (0..ticks)
+            .map(|_| {
+                let error_m = step_m - plant.position_m;
+                integral_n += k_i * error_m * 125e-6;
+                let wanted_n = k_p * error_m + integral_n - k_d * (plant.position_m - before_m) / 125e-6;
+                before_m = plant.position_m;
+                let angle = TAU * plant.position_m / 0.03;
+                let shape = [0.0, TAU / 3.0, -TAU / 3.0].map(|phase| -libm::sin(angle - phase));
+                let q_a = plant.currents_a().iter().zip(shape).map(|(i, s)| i * s).sum::<f64>() / 1.5;
+                let q_v = 3.0 * wanted_n / 7.8 + 5.0 * (wanted_n / 7.8 - q_a);
+                let duty = shape.map(|part| 0.5 + q_v * part / 48.0);
+                plant.advance_in_steps(125_000, &BridgeState { duty, enabled: true, dead_time_s: 0.5e-6 }, longest_ns);
+                plant.position_m
+            })
+            .collect()
+    }
+
+    #[test]
+    fn half_the_internal_step_gives_the_same_settling() {
+        for step_m in [50e-9, 1e-6, 5e-6, 20e-6] {
+            let coarse = settling(&Stage::default(), step_m, 4_000, SUBSTEP_MAX_NS);
+            let fine = settling(&Stage::default(), step_m, 4_000, SUBSTEP_MAX_NS / 2);
+            let difference_m: Vec<f64> = coarse.iter().zip(&fine).map(|(a, b)| (a - b).abs()).collect();
+            let worst_m = |from_tick: usize| difference_m[from_tick..].iter().copied().fold(0.0, f64::max);
+            assert!(worst_m(0) < 2e-4 * step_m, "{step_m} m: {} m during the step", worst_m(0));
+            assert!(worst_m(200) < 0.1e-9, "{step_m} m: {} m after 25 ms", worst_m(200));
+        }
+    }
+}
