@@ -7,7 +7,7 @@ use crate::config::{Compensator, Config};
 use crate::current::Demand;
 use crate::encoder::tracker::{Tracker, Update};
 use crate::fault::Fault;
-use crate::position::Position;
+use crate::position::{Position, saturate};
 use crate::profile::{Limits, Profile, Setpoint};
 use crate::record::{TickRecord, flags};
 use crate::refusal::{Field, Refusal};
@@ -101,6 +101,7 @@ pub struct Drive {
     electrical_at: Position,
     profile: Profile,
     reference: Setpoint,
+    error_ct: i32,
     was_moving: bool,
     cascade: cascade::State,
     niasa: Niasa,
@@ -123,6 +124,7 @@ impl Drive {
             electrical_at: config.commutation_zero,
             profile: Profile::at_rest(origin),
             reference: Profile::at_rest(origin).advance(),
+            error_ct: 0,
             was_moving: false,
             cascade: cascade::State::default(),
             niasa: Niasa::at_rest(origin),
@@ -163,8 +165,6 @@ impl Drive {
     #[inline]
     pub fn tick(&mut self, inputs: &Inputs, command: Option<Command>) -> Output {
         let update = self.tracker.update(inputs.frame, self.config.origin);
-        let position = self.tracker.position();
-        self.follow_electrical_angle(position);
         self.bus_v = f32::from(inputs.bus_code) * self.config.bus_v_per_code;
         self.count(inputs);
 
@@ -173,7 +173,13 @@ impl Drive {
 
         if self.state.has_torque() {
             self.reference = self.profile.advance();
+            if update != Update::Measured {
+                // Hold the error: the force then stays what it was, at rest and in motion.
+                self.tracker.assume(self.reference.position.plus(-i64::from(self.error_ct)));
+            }
         }
+        let position = self.tracker.position();
+        let step_ct = self.follow_electrical_angle(position);
         let error_ct = self.reference.position.minus(position);
         let fault = self.look_for_faults(inputs, update, error_ct);
         if self.fault.is_none() || reset {
@@ -203,15 +209,14 @@ impl Drive {
         if !before.has_torque() {
             self.close_loops(position);
         }
-        record.error_ct = self.reference.position.minus(position);
+        self.error_ct = self.reference.position.minus(position);
+        record.error_ct = self.error_ct;
         self.control(&mut record);
         let demand = Demand {
             enabled: true,
             iq_a: record.iq_set_a,
             turns: self.electrical_ct as f32 * self.config.turns_per_ct,
-            turns_per_period: self.tracker.step_ct() as f32
-                * self.config.turns_per_ct
-                * (1.0 / PERIODS_PER_TICK as f32),
+            turns_per_period: step_ct as f32 * self.config.turns_per_ct * (1.0 / PERIODS_PER_TICK as f32),
             per_bus_v: 1.0 / self.bus_v,
         };
         Output { demand, record, outcome }
@@ -281,10 +286,10 @@ impl Drive {
             | if compensated && increment.limited { flags::RATE_LIMITED } else { 0 };
     }
 
-    /// Keeps the electrical angle as counts within one turn: positions differ by little from tick to tick, so that no division is
-    /// needed after the first.
+    /// Keeps the electrical angle as counts within one turn and returns the counts moved since the last tick: positions differ by
+    /// little from tick to tick, so that no division is needed after the first.
     #[inline]
-    fn follow_electrical_angle(&mut self, position: Position) {
+    fn follow_electrical_angle(&mut self, position: Position) -> i32 {
         let turn_ct = self.config.turn_ct;
         let moved = position.0.wrapping_sub(self.electrical_at.0);
         self.electrical_at = position;
@@ -297,6 +302,7 @@ impl Drive {
             angle_ct -= i64::from(turn_ct);
         }
         self.electrical_ct = angle_ct as i32;
+        saturate(moved)
     }
 
     #[inline]
@@ -381,7 +387,8 @@ impl Drive {
             return Err(Refusal::Moving);
         }
         let k = &self.config;
-        let in_m = |position: Position| position.0 as f64 * k.count_m;
+        // Metres for a person: to the picometre, so that a limit is shown as it was set.
+        let in_m = |position: Position| libm::round(position.0 as f64 * k.count_m * 1e12) / 1e12;
         Refusal::check(Field::Target, in_m(target), in_m(k.travel_min), in_m(k.travel_max))?;
         Refusal::check(Field::Velocity, f64::from(limits.velocity_m_per_s), 1e-9, f64::from(k.velocity_max_m_per_s))?;
         Refusal::check(

@@ -97,7 +97,7 @@ parameters! {
     0x0208 current_limit_a "A" [0.01, 200.0] 8.0, BridgeOff, "Largest current set-point; with the force constant, the force limit.";
     0x0209 over_current_a "A" [0.01, 200.0] 9.5, BridgeOff, "A phase current above this is a fault in the same period.";
     0x020a dead_time_s "s" [0.0, 5e-6] 0.5e-6, BridgeOff, "Dead time to compensate; 0 turns the compensation off.";
-    0x020b dead_time_band_a "A" [1e-3, 10.0] 0.05, BridgeOff, "Phase current at which dead time takes its full toll.";
+    0x020b dead_time_band_a "A" [1e-3, 10.0] 0.1, BridgeOff, "Phase current at which dead time takes its full toll.";
     0x020c bus_full_scale_v "V" [1.0, 1000.0] 80.0, BridgeOff, "Bus voltage at the end of the converter's range.";
     0x020d bus_min_v "V" [1.0, 1000.0] 24.0, BridgeOff, "Below this the bridge is not turned on, and off if it was.";
     0x020e bus_max_v "V" [1.0, 1000.0] 60.0, BridgeOff, "Above this the bridge is off.";

@@ -1,1 +1,11 @@
-//! Placeholder while the workspace is laid out.
+//! The drive of `servo-core` on the stage of `servo-sim`, period by period as the firmware runs them.
+//!
+//! A [`Bench`] is the pair, wired as on the board: phase currents and encoder are sampled at the PWM update, the bridge takes
+//! new duties one period later. [`experiment`] makes the moves of the settling experiments on it, [`tuning`] turns a stage
+//! into settings.
+
+pub mod bench;
+pub mod experiment;
+pub mod tuning;
+
+pub use bench::Bench;

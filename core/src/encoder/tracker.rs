@@ -11,8 +11,7 @@ pub const LOST_AFTER: u8 = 3;
 pub enum Update {
     /// Measured.
     Measured,
-    /// The frame was unusable: the position is the last one moved on by the last difference, so that the loop holds what it
-    /// did for one sample.
+    /// The frame was unusable; the position is the one before, or what [`Tracker::assume`] makes of it.
     Held(Cause),
     /// [`LOST_AFTER`] unusable frames in a row, or none so far: the position must not be used.
     Lost(Cause),
@@ -31,8 +30,9 @@ pub enum Cause {
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Tracker {
     position: Position,
+    /// Position at `raw`, the last good reading.
+    measured: Position,
     raw: u32,
-    step_ct: i32,
     bad: u8,
     alive: bool,
     bad_total: u32,
@@ -40,16 +40,10 @@ pub struct Tracker {
 }
 
 impl Tracker {
-    /// The latest position, measured or held.
+    /// The latest position, measured, held or assumed.
     #[inline]
     pub fn position(&self) -> Position {
         self.position
-    }
-
-    /// The latest movement per tick, counts.
-    #[inline]
-    pub fn step_ct(&self) -> i32 {
-        self.step_ct
     }
 
     /// A position has been measured and the encoder is not lost.
@@ -76,16 +70,13 @@ impl Tracker {
     pub fn update(&mut self, line: u64, origin: u32) -> Update {
         match biss::decode(line) {
             Ok(Reading { error: false, counts, warning }) => {
-                if self.is_valid() {
-                    // Over a gap the difference spans the held ticks as well; they moved `position`, not `raw`.
-                    let moved = Position(i64::from(counts.wrapping_sub(self.raw) as i32));
-                    let held = Position(i64::from(self.step_ct) * i64::from(self.bad));
-                    self.step_ct = if self.bad == 0 { moved.0 as i32 } else { self.step_ct };
-                    self.position = self.position.plus(moved.0 - held.0);
+                let moved_ct = counts.wrapping_sub(self.raw) as i32;
+                self.measured = if self.is_valid() {
+                    self.measured.plus(i64::from(moved_ct))
                 } else {
-                    self.position = Position(i64::from(counts) - i64::from(origin));
-                    self.step_ct = 0;
-                }
+                    Position(i64::from(counts) - i64::from(origin))
+                };
+                self.position = self.measured;
                 self.raw = counts;
                 self.warning = warning;
                 self.alive = true;
@@ -97,12 +88,15 @@ impl Tracker {
         }
     }
 
+    /// Puts `position` in the place of a measurement that failed. The next good frame does not depend on it.
+    #[inline]
+    pub fn assume(&mut self, position: Position) {
+        self.position = position;
+    }
+
     fn hold(&mut self, cause: Cause) -> Update {
         self.bad_total = self.bad_total.saturating_add(1);
-        if self.bad < LOST_AFTER {
-            self.bad += 1;
-            self.position = self.position.plus(i64::from(self.step_ct));
-        }
+        self.bad = self.bad.saturating_add(1);
         if self.is_valid() { Update::Held(cause) } else { Update::Lost(cause) }
     }
 }
@@ -150,10 +144,12 @@ mod tests {
     }
 
     #[test]
-    fn a_bad_frame_goes_on_at_the_last_speed_and_the_next_good_one_is_exact() {
+    fn a_bad_frame_keeps_the_position_or_the_assumed_one_and_the_next_good_one_is_exact() {
         for bad in [0, u64::MAX, frame(ORIGIN + 1234) ^ 1 << 40] {
-            let mut tracker = fed([ORIGIN, ORIGIN + 100, ORIGIN + 200]);
+            let mut tracker = fed([ORIGIN, ORIGIN + 200]);
             assert!(matches!(tracker.update(bad, ORIGIN), Update::Held(_)));
+            assert_eq!(tracker.position(), Position(200));
+            tracker.assume(Position(300));
             assert_eq!(tracker.position(), Position(300));
             tracker.update(frame(ORIGIN + 410), ORIGIN);
             assert_eq!(tracker.position(), Position(410));

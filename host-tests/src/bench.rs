@@ -1,0 +1,118 @@
+//! Drive and stage, wired.
+
+use servo_core::axis::{Axis, ServoOutput, ServoSample};
+use servo_core::config::Config;
+use servo_core::current::{Bridge, PhaseCodes};
+use servo_core::drive::{Command, Outcome};
+use servo_core::parameters::Settings;
+use servo_core::refusal::Refusal;
+use servo_core::state::State;
+use servo_core::{PERIODS_PER_TICK, PWM_HZ, PWM_TOP};
+use servo_sim::{BridgeState, Plant, Stage};
+
+/// PWM period, ns.
+const PERIOD_NS: u64 = 1_000_000_000 / PWM_HZ as u64;
+
+/// CPU cycles that the bench reports for each tick: about what the emulated board measures, far below the limit.
+const TICK_CYCLES: u32 = 4_000;
+
+/// The drive on the simulated stage.
+#[derive(Clone, Debug)]
+pub struct Bench {
+    /// Drive and current loop.
+    pub axis: Axis,
+    /// The truth.
+    pub plant: Plant,
+    active: BridgeState,
+}
+
+impl Bench {
+    /// A drive with `settings` on `stage`, at rest in mid-travel, bridge off.
+    ///
+    /// # Errors
+    /// Settings out of range.
+    pub fn new(stage: &Stage, settings: &Settings, seed: u64) -> Result<Self, Refusal> {
+        let dead_time_s = stage.amplifier.dead_time_s;
+        Ok(Bench {
+            axis: Axis::new(Config::new(settings)?),
+            plant: Plant::new(stage, seed),
+            active: BridgeState { dead_time_s, ..BridgeState::OFF },
+        })
+    }
+
+    /// One servo period.
+    pub fn tick(&mut self, command: Option<Command>) -> ServoOutput {
+        self.tick_with(command, |_| ())
+    }
+
+    /// One servo period in which `tamper` may change what the drive sees.
+    pub fn tick_with(&mut self, command: Option<Command>, tamper: impl FnOnce(&mut ServoSample)) -> ServoOutput {
+        let mut sample = ServoSample {
+            phases: self.phases(),
+            frame: self.plant.encoder_frame(),
+            bus_code: code(self.plant.bus_adc()),
+            temperature_code: code(self.plant.temperature_adc()),
+            bridge_fault: false,
+            last_tick_cycles: TICK_CYCLES,
+        };
+        tamper(&mut sample);
+        let output = self.axis.on_servo(&sample, command);
+        self.period(output.bridge);
+        for _ in 1..PERIODS_PER_TICK {
+            let phases = self.phases();
+            let bridge = self.axis.on_period(phases);
+            self.period(bridge);
+        }
+        output
+    }
+
+    /// The present duties for one period, then `next`. A bridge that is turned off is off at once: that is not a compare value
+    /// that waits for an update, but the timer's main output enable.
+    fn period(&mut self, next: Bridge) {
+        if !next.enabled {
+            self.active.enabled = false;
+        }
+        self.plant.advance(PERIOD_NS, &self.active);
+        self.active.enabled = next.enabled;
+        self.active.duty = next.compare.map(|on| f64::from(on) / f64::from(PWM_TOP));
+    }
+
+    fn phases(&mut self) -> PhaseCodes {
+        let [a, b] = self.plant.phase_codes();
+        PhaseCodes { a, b }
+    }
+
+    /// Gives a command in the next tick and returns the answer.
+    ///
+    /// # Errors
+    /// The drive's refusal.
+    pub fn command(&mut self, command: Command) -> Outcome {
+        self.tick(Some(command)).outcome.expect("a command is answered in its tick")
+    }
+
+    /// `ticks` servo periods without command; `look` sees each result.
+    pub fn run(&mut self, ticks: u32, mut look: impl FnMut(&ServoOutput)) {
+        for _ in 0..ticks {
+            look(&self.tick(None));
+        }
+    }
+
+    /// Enables the drive and lets it hold for 0.1 s.
+    ///
+    /// # Errors
+    /// The drive's refusal.
+    ///
+    /// # Panics
+    /// If the drive does not reach Operation enabled: the bench is for tests.
+    pub fn enable(&mut self) -> Outcome {
+        self.run(5, |_| ());
+        self.command(Command::Enable)?;
+        self.run(800, |_| ());
+        assert_eq!(self.axis.drive().state(), State::OperationEnabled);
+        Ok(())
+    }
+}
+
+fn code(fraction: f64) -> u16 {
+    (fraction * 65536.0) as u16
+}
