@@ -1,1 +1,13 @@
-//! Placeholder while the workspace is laid out.
+//! The host tool's library: what a settling experiment says, and how it is shown.
+//!
+//! - [`settling`]: types and statistics of settling experiments, and their JSON
+//! - [`table`]: tables, and the settling table, for terminals and pages
+//! - [`plot`]: line, dot and error-bar plots as small inline SVG
+//! - [`report`]: one self-contained HTML page out of text, plots and tables
+//! - [`demo_report`]: the page that `cargo xtask demo` writes
+
+pub mod demo_report;
+pub mod plot;
+pub mod report;
+pub mod settling;
+pub mod table;

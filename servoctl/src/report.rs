@@ -1,0 +1,173 @@
+//! One self-contained HTML page: sections of text, facts, figures and tables, with a contents list.
+//!
+//! No scripts, no fonts or pictures from elsewhere. Everything given as text is escaped; figures are drawn here from
+//! their data, so nothing foreign gets into the page unescaped.
+
+use crate::plot::{self, Plot};
+use crate::table::Table;
+use maud::{DOCTYPE, Markup, PreEscaped, html};
+
+const STYLE: &str = include_str!("report/style.css");
+
+/// A page in the making. Content goes to the section opened last; content before the first section stands under the summary.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Report {
+    title: String,
+    summary: String,
+    sections: Vec<Section>,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+struct Section {
+    title: String,
+    blocks: Vec<Block>,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+enum Block {
+    Paragraph(String),
+    Facts(Vec<(String, String)>),
+    List(Vec<String>),
+    Figure { panels: Vec<Plot>, caption: String },
+    Table(Table),
+}
+
+impl Report {
+    /// A page with a title and the sentences that say what was found, from what.
+    pub fn new(title: impl Into<String>, summary: impl Into<String>) -> Self {
+        let opening = Section { title: String::new(), blocks: Vec::new() };
+        Self { title: title.into(), summary: summary.into(), sections: vec![opening] }
+    }
+
+    /// Opens a section; it appears in the contents list.
+    pub fn section(&mut self, title: impl Into<String>) -> &mut Self {
+        self.sections.push(Section { title: title.into(), blocks: Vec::new() });
+        self
+    }
+
+    /// Adds a paragraph.
+    pub fn paragraph(&mut self, text: impl Into<String>) -> &mut Self {
+        self.block(Block::Paragraph(text.into()))
+    }
+
+    /// Adds a list of names with their values.
+    pub fn facts<N: Into<String>, V: Into<String>>(&mut self, facts: impl IntoIterator<Item = (N, V)>) -> &mut Self {
+        self.block(Block::Facts(facts.into_iter().map(|(name, value)| (name.into(), value.into())).collect()))
+    }
+
+    /// Adds a list of lines as a program wrote them.
+    pub fn list<S: Into<String>>(&mut self, lines: impl IntoIterator<Item = S>) -> &mut Self {
+        self.block(Block::List(lines.into_iter().map(Into::into).collect()))
+    }
+
+    /// Adds a numbered figure; its panels stand side by side where there is room, below each other on a phone.
+    pub fn figure(&mut self, panels: impl Into<Vec<Plot>>, caption: impl Into<String>) -> &mut Self {
+        self.block(Block::Figure { panels: panels.into(), caption: caption.into() })
+    }
+
+    /// Adds a numbered table.
+    pub fn table(&mut self, table: Table) -> &mut Self {
+        self.block(Block::Table(table))
+    }
+
+    /// The page. The same content gives the same bytes.
+    pub fn render(&self) -> String {
+        let mut numbers = Numbers::default();
+        let titled: Vec<(String, &Section)> =
+            self.sections.iter().skip(1).enumerate().map(|(i, s)| (format!("s{}", i + 1), s)).collect();
+        html! {
+            (DOCTYPE)
+            html lang="en" {
+                head {
+                    meta charset="utf-8";
+                    meta name="viewport" content="width=device-width, initial-scale=1";
+                    meta name="color-scheme" content="light dark";
+                    title { (self.title) }
+                    style { (PreEscaped(plot::STYLE)) (PreEscaped(STYLE)) }
+                }
+                body {
+                    header {
+                        h1 { (self.title) }
+                        p.summary { (self.summary) }
+                    }
+                    @if titled.len() > 1 {
+                        nav aria-label="Contents" {
+                            ol { @for (id, section) in &titled { li { a href={ "#" (id) } { (section.title) } } } }
+                        }
+                    }
+                    main {
+                        @for block in self.sections.iter().take(1).flat_map(|s| &s.blocks) { (numbers.block(block)) }
+                        @for (id, section) in &titled {
+                            section id=(id) {
+                                h2 { (section.title) }
+                                @for block in &section.blocks { (numbers.block(block)) }
+                            }
+                        }
+                    }
+                }
+            }
+        }
+        .into_string()
+    }
+
+    fn block(&mut self, block: Block) -> &mut Self {
+        if let Some(section) = self.sections.last_mut() {
+            section.blocks.push(block);
+        }
+        self
+    }
+}
+
+/// Counts figures and tables over the page.
+#[derive(Default)]
+struct Numbers {
+    figures: usize,
+    tables: usize,
+}
+
+impl Numbers {
+    fn block(&mut self, block: &Block) -> Markup {
+        match block {
+            Block::Paragraph(text) => html! { p { (text) } },
+            Block::Facts(facts) => {
+                html! { dl { @for (name, value) in facts { div { dt { (name) } dd { (value) } } } } }
+            }
+            Block::List(lines) => html! { ul.lines-of-text { @for line in lines { li { (line) } } } },
+            Block::Figure { panels, caption } => {
+                self.figures += 1;
+                html! {
+                    figure.wide[panels.len() > 1] {
+                        div.panels { @for panel in panels { (PreEscaped(panel.svg())) } }
+                        figcaption { b { "Figure " (self.figures) "." } " " (caption) }
+                    }
+                }
+            }
+            Block::Table(table) => {
+                self.tables += 1;
+                html! {
+                    figure.wide {
+                        figcaption { b { "Table " (self.tables) "." } " " (table.caption) }
+                        div.scroll { (html_table(table)) }
+                    }
+                }
+            }
+        }
+    }
+}
+
+fn html_table(table: &Table) -> Markup {
+    let class = |column: usize| (column >= table.text_columns).then_some("n");
+    html! {
+        table {
+            thead { tr { @for (c, title) in table.header.iter().enumerate() { th class=[class(c)] scope="col" { (title) } } } }
+            tbody {
+                @for row in &table.rows {
+                    tr { @for c in 0..table.header.len() { td class=[class(c)] { (table.cell(row, c)) } } }
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;
