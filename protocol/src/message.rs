@@ -26,6 +26,7 @@ pub const PARAMETERS_PER_REQUEST: usize = 16;
 
 /// What the host asks.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[expect(clippy::large_enum_variant, reason = "there is no allocator to box with")]
 pub enum Request {
     /// Who are you? Answered by every version: [`Reply::Identity`].
     Identity,
@@ -67,6 +68,7 @@ pub enum Request {
 
 /// What the drive answers.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[expect(clippy::large_enum_variant, reason = "there is no allocator to box with")]
 pub enum Reply {
     /// To [`Request::Identity`].
     Identity(Identity),
