@@ -42,9 +42,7 @@ impl Access {
     pub fn line(self, packages: &[&str]) -> String {
         let names = packages.join(" ");
         let line = |prefix: &str| {
-            format!(
-                "{prefix}apt-get update && {prefix}apt-get install -y --no-install-recommends {names}"
-            )
+            format!("{prefix}apt-get update && {prefix}apt-get install -y --no-install-recommends {names}")
         };
         match self {
             Access::Root => line(""),
@@ -74,11 +72,7 @@ impl Access {
     }
 
     fn please_type(self, packages: &[&str]) -> String {
-        format!(
-            "{} cannot be installed from here. Please type:\n{}",
-            packages.join(", "),
-            self.line(packages)
-        )
+        format!("{} cannot be installed from here. Please type:\n{}", packages.join(", "), self.line(packages))
     }
 }
 
@@ -86,10 +80,7 @@ impl Access {
 fn apt_get(program: Command, packages: &[&str]) -> Result<()> {
     let command = |words: &[&str]| {
         let mut command = Command::new(program.get_program());
-        command
-            .args(program.get_args())
-            .args(["-q", "-o", "DPkg::Lock::Timeout=300"])
-            .args(words);
+        command.args(program.get_args()).args(["-q", "-o", "DPkg::Lock::Timeout=300"]).args(words);
         command.env("DEBIAN_FRONTEND", "noninteractive");
         command
     };

@@ -23,10 +23,7 @@ pub fn target_dir() -> Result<PathBuf> {
 /// When the compiler fails.
 pub fn build(toolchain: &Toolchain, package: &str) -> Result<PathBuf> {
     let mut cargo = toolchain.cargo("build", &target_dir()?);
-    process::run(
-        cargo.args(["--package", package]),
-        &format!("building {package}"),
-    )?;
+    process::run(cargo.args(["--package", package]), &format!("building {package}"))?;
     Ok(target_dir()?.join(TARGET).join("release").join(package))
 }
 
@@ -38,6 +35,8 @@ impl Toolchain {
     pub fn cargo(&self, word: &str, target_dir: &Path) -> Command {
         let mut command = match self {
             Toolchain::Native => Command::new(std::env::var_os("CARGO").unwrap_or("cargo".into())),
+            // Called by its path: a cargo of Debian's would find rustup's lints first.
+            Toolchain::Debian { rust, .. } if word == "clippy" => Command::new(rust.clippy()),
             Toolchain::Debian { rust, .. } => Command::new(&rust.cargo),
         };
         for (name, _) in std::env::vars_os() {
@@ -45,16 +44,14 @@ impl Toolchain {
                 command.env_remove(name);
             }
         }
-        command
-            .current_dir("firmware")
-            .arg(word)
-            .args(["--release", "--target", TARGET]);
+        command.current_dir("firmware").arg(word).args(["--release", "--target", TARGET]);
         command.arg("--target-dir").arg(target_dir);
         if let Toolchain::Debian { rust, linker } = self {
             command
                 .arg("-Zbuild-std=core")
                 .env_remove("RUSTUP_TOOLCHAIN")
                 .env("RUSTC_BOOTSTRAP", "1")
+                .env("CARGO", &rust.cargo)
                 .env("RUSTC", &rust.rustc)
                 .env("RUSTDOC", rust.rustc.with_file_name("rustdoc"))
                 .env("CARGO_TARGET_THUMBV7EM_NONE_EABIHF_LINKER", linker);
@@ -85,36 +82,15 @@ mod tests {
 
     #[test]
     fn host_settings_do_not_leak_into_the_embedded_build() {
-        let leaking = [
-            "CARGO",
-            "CARGO_MANIFEST_DIR",
-            "CARGO_TARGET_DIR",
-            "CARGO_BUILD_TARGET",
-            "CARGO_ENCODED_RUSTFLAGS",
-        ];
-        let more = [
-            "RUSTC",
-            "RUSTC_WRAPPER",
-            "RUSTFLAGS",
-            "RUSTDOCFLAGS",
-            "LD_LIBRARY_PATH",
-            "CARGO_PROFILE_RELEASE_LTO",
-        ];
+        let leaking =
+            ["CARGO", "CARGO_MANIFEST_DIR", "CARGO_TARGET_DIR", "CARGO_BUILD_TARGET", "CARGO_ENCODED_RUSTFLAGS"];
+        let more =
+            ["RUSTC", "RUSTC_WRAPPER", "RUSTFLAGS", "RUSTDOCFLAGS", "LD_LIBRARY_PATH", "CARGO_PROFILE_RELEASE_LTO"];
         for name in leaking.into_iter().chain(more) {
             assert!(leaks(name), "{name}");
         }
-        let kept = [
-            "PATH",
-            "HOME",
-            "CARGO_HOME",
-            "CARGO_HTTP_CAINFO",
-            "CARGO_REGISTRIES_X_INDEX",
-            "CARGO_NET_RETRY",
-        ];
-        for name in kept
-            .into_iter()
-            .chain(["RUSTUP_HOME", "RUSTUP_TOOLCHAIN", "DEFMT_LOG"])
-        {
+        let kept = ["PATH", "HOME", "CARGO_HOME", "CARGO_HTTP_CAINFO", "CARGO_REGISTRIES_X_INDEX", "CARGO_NET_RETRY"];
+        for name in kept.into_iter().chain(["RUSTUP_HOME", "RUSTUP_TOOLCHAIN", "DEFMT_LOG"]) {
             assert!(!leaks(name), "{name}");
         }
     }

@@ -4,12 +4,15 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use object::read::elf::{ElfFile32, ProgramHeader};
 use sha2::{Digest, Sha256};
 
 use crate::process;
 use crate::{embedded, setup};
+
+#[path = "../../firmware/image_check.rs"]
+mod image_check;
 
 /// The chip as probe-rs names it.
 const CHIP: &str = "STM32H743ZITx";
@@ -63,10 +66,26 @@ pub fn flash() -> Result<()> {
         bail!("probe-rs is missing. Please type:\ncargo install probe-rs-tools --locked");
     }
     let mut probe = Command::new("probe-rs");
-    process::run(
-        probe.args(["run", "--chip", CHIP]).arg(&firmware.elf),
-        "probe-rs run",
-    )
+    process::run(probe.args(["run", "--chip", CHIP]).arg(&firmware.elf), "probe-rs run")
+}
+
+impl Firmware {
+    /// Checks that hot code, stack and data are in the memories meant for them, and says what is in ITCM.
+    ///
+    /// # Errors
+    /// When the ELF cannot be read or anything is elsewhere, one line each.
+    pub fn check_layout(&self) -> Result<()> {
+        let elf = std::fs::read(&self.elf).with_context(|| format!("reading {}", self.elf.display()))?;
+        let report = image_check::check(&elf).map_err(|wrong| anyhow!("wrong layout:\n  {}", wrong.join("\n  ")))?;
+        eprintln!(
+            "ITCM {} bytes, flash {} bytes, DTCM {} bytes; {} functions in ITCM, all where they should be",
+            report.itcm_bytes,
+            report.flash_bytes,
+            report.dtcm_bytes,
+            report.hot_functions.len()
+        );
+        Ok(())
+    }
 }
 
 /// Reads a firmware's ELF.
@@ -76,17 +95,9 @@ pub fn flash() -> Result<()> {
 pub fn inspect(elf: &Path) -> Result<Firmware> {
     let shown = from_here(elf);
     let bytes = std::fs::read(elf).with_context(|| format!("reading {}", shown.display()))?;
-    let segments =
-        segments(&bytes).with_context(|| format!("{} is no firmware", shown.display()))?;
-    let sha256 = Sha256::digest(&bytes)
-        .iter()
-        .map(|byte| format!("{byte:02x}"))
-        .collect();
-    Ok(Firmware {
-        elf: shown,
-        usage: usage(&segments)?,
-        sha256,
-    })
+    let segments = segments(&bytes).with_context(|| format!("{} is no firmware", shown.display()))?;
+    let sha256 = Sha256::digest(&bytes).iter().map(|byte| format!("{byte:02x}")).collect();
+    Ok(Firmware { elf: shown, usage: usage(&segments)?, sha256 })
 }
 
 /// The path relative to the current directory if it lies below it.
@@ -117,12 +128,7 @@ fn segments(elf: &[u8]) -> Result<Vec<Segment>> {
         load_address: header.p_paddr(endian),
         load_bytes: header.p_filesz(endian),
     };
-    Ok(file
-        .elf_program_headers()
-        .iter()
-        .filter(loadable)
-        .map(segment)
-        .collect())
+    Ok(file.elf_program_headers().iter().filter(loadable).map(segment).collect())
 }
 
 /// Bytes per region that anything occupies, running or stored.
@@ -136,13 +142,7 @@ fn usage(segments: &[Segment]) -> Result<Vec<Usage>> {
         }
     }
     let usage = REGIONS.iter().zip(used_bytes);
-    Ok(usage
-        .map(|(&(region, _, size_bytes), used_bytes)| Usage {
-            region,
-            used_bytes,
-            size_bytes,
-        })
-        .collect())
+    Ok(usage.map(|(&(region, _, size_bytes), used_bytes)| Usage { region, used_bytes, size_bytes }).collect())
 }
 
 fn region(address: u32) -> Result<usize> {
@@ -155,18 +155,10 @@ fn region(address: u32) -> Result<usize> {
 impl fmt::Display for Firmware {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "{}", self.elf.display())?;
-        for Usage {
-            region,
-            used_bytes,
-            size_bytes,
-        } in &self.usage
-        {
+        for Usage { region, used_bytes, size_bytes } in &self.usage {
             if *used_bytes > 0 {
                 let percent = 100.0 * f64::from(*used_bytes) / f64::from(*size_bytes);
-                writeln!(
-                    f,
-                    "  {region:<6} {used_bytes:>8} of {size_bytes:>8} bytes {percent:>5.1} %"
-                )?;
+                writeln!(f, "  {region:<6} {used_bytes:>8} of {size_bytes:>8} bytes {percent:>5.1} %")?;
             }
         }
         write!(f, "  sha256 {}", self.sha256)
@@ -178,20 +170,12 @@ mod tests {
     use super::*;
 
     fn segment(run_address: u32, run_bytes: u32, load_address: u32, load_bytes: u32) -> Segment {
-        Segment {
-            run_address,
-            run_bytes,
-            load_address,
-            load_bytes,
-        }
+        Segment { run_address, run_bytes, load_address, load_bytes }
     }
 
     fn used(segments: &[Segment]) -> Vec<(&'static str, u32)> {
         let all = usage(segments).unwrap();
-        all.iter()
-            .filter(|usage| usage.used_bytes > 0)
-            .map(|usage| (usage.region, usage.used_bytes))
-            .collect()
+        all.iter().filter(|usage| usage.used_bytes > 0).map(|usage| (usage.region, usage.used_bytes)).collect()
     }
 
     #[test]
@@ -202,12 +186,7 @@ mod tests {
         let zeroed = segment(0x2400_0000, 0x8000, 0x2400_0000, 0);
         assert_eq!(
             used(&[vectors_and_code, hot_code, data, zeroed]),
-            [
-                ("FLASH", 0x1340),
-                ("ITCM", 0x300),
-                ("DTCM", 0x40),
-                ("AXI", 0x8000)
-            ]
+            [("FLASH", 0x1340), ("ITCM", 0x300), ("DTCM", 0x40), ("AXI", 0x8000)]
         );
     }
 

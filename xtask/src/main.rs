@@ -1,24 +1,26 @@
 //! `cargo xtask <word>`: everything a person types in this repository, and the only place where things get installed.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result};
 use clap::{Parser, Subcommand};
 
 mod apt;
+mod bench;
+mod demo;
 mod embedded;
 mod firmware;
+mod host;
 mod process;
+mod qemu;
 mod setup;
+mod test_suite;
 mod toolchain;
 mod version;
 
 #[derive(Parser)]
-#[command(
-    name = "cargo xtask",
-    about = "What a person types here; each word installs what it needs first."
-)]
+#[command(bin_name = "cargo xtask", about = "What a person types here; each word installs what it needs first.")]
 struct Arguments {
     #[command(subcommand)]
     word: Word,
@@ -27,20 +29,29 @@ struct Arguments {
 /// The words, in the order in which a newcomer needs them.
 #[derive(Subcommand)]
 enum Word {
-    /// Install what is missing: embedded toolchain, QEMU, C compiler
+    /// Run the firmware on the virtual board: moves with and without the compensator, table and report
+    Demo(demo::Options),
+    /// Run every check that the server runs
+    Test(test_suite::Options),
+    /// Build the firmware; print path, memory use and hash of its ELF
+    Firmware,
+    /// Build the firmware and run it on the board that a debug probe finds
+    Flash,
+    /// Compare bits and instruction counts on a bare Cortex-M7
+    Qemu,
+    /// Measure: instructions of the control loops, speed of the virtual board
+    Bench,
+    /// Install what is missing: embedded toolchain, QEMU, C compiler (every other word does it by itself)
     Setup {
         /// Only say what would be done
         #[arg(long)]
         dry_run: bool,
     },
-    /// Build the firmware; print path, memory use and hash of its ELF
-    Firmware,
-    /// Build the firmware and run it on the board that a debug probe finds
-    Flash,
 }
 
 fn main() -> ExitCode {
-    match enter_workspace().and_then(|()| run(Arguments::parse().word)) {
+    let word = Arguments::parse().word;
+    match enter_workspace().and_then(|directory| run(word, &directory)) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("error: {error:#}");
@@ -49,21 +60,24 @@ fn main() -> ExitCode {
     }
 }
 
-fn run(word: Word) -> Result<()> {
+/// Does what `word` says; `directory` is where the person is.
+fn run(word: Word, directory: &Path) -> Result<()> {
     match word {
-        Word::Setup { dry_run } => setup::all(dry_run),
+        Word::Demo(options) => demo::run(&options.seen_from(directory)),
+        Word::Test(options) => test_suite::run(&options),
         Word::Firmware => firmware::build().map(|firmware| println!("{firmware}")),
         Word::Flash => firmware::flash(),
+        Word::Qemu => qemu::run(),
+        Word::Bench => bench::run(),
+        Word::Setup { dry_run } => setup::all(dry_run),
     }
 }
 
-/// Makes the workspace the current directory: all paths in this program are relative to it.
-fn enter_workspace() -> Result<()> {
-    let package =
-        std::env::var_os("CARGO_MANIFEST_DIR").context("start this through `cargo xtask`")?;
-    let workspace = PathBuf::from(package)
-        .join("..")
-        .canonicalize()
-        .context("the workspace")?;
-    std::env::set_current_dir(workspace).context("entering the workspace")
+/// Makes the workspace the current directory, because all paths in this program are relative to it. Returns the one before.
+fn enter_workspace() -> Result<PathBuf> {
+    let before = std::env::current_dir().context("the current directory")?;
+    let package = std::env::var_os("CARGO_MANIFEST_DIR").context("start this through `cargo xtask`")?;
+    let workspace = PathBuf::from(package).join("..").canonicalize().context("the workspace")?;
+    std::env::set_current_dir(workspace).context("entering the workspace")?;
+    Ok(before)
 }

@@ -34,9 +34,7 @@ const ACTIVITIES: [&str; 10] = [
 /// When the program cannot be started or ends with anything but success; the message names `label`.
 pub fn run(command: &mut Command, label: &str) -> Result<()> {
     let status = if std::io::stderr().is_terminal() {
-        command
-            .status()
-            .with_context(|| cannot_start(command, label))?
+        command.status().with_context(|| cannot_start(command, label))?
     } else {
         run_on_pipe(command, label)?
     };
@@ -51,10 +49,7 @@ pub fn run(command: &mut Command, label: &str) -> Result<()> {
 /// # Errors
 /// When the program cannot be started or fails; the message ends with the last line of its standard error.
 pub fn capture(command: &mut Command, label: &str) -> Result<String> {
-    let output = command
-        .stdin(Stdio::null())
-        .output()
-        .with_context(|| cannot_start(command, label))?;
+    let output = command.stdin(Stdio::null()).output().with_context(|| cannot_start(command, label))?;
     if !output.status.success() {
         let stderr = String::from_utf8_lossy(&output.stderr);
         let reason = stderr.trim().lines().last().unwrap_or_default().to_string();
@@ -95,11 +90,8 @@ enum Line {
 
 fn run_on_pipe(command: &mut Command, label: &str) -> Result<std::process::ExitStatus> {
     let start = Instant::now();
-    let mut child = command
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .with_context(|| cannot_start(command, label))?;
+    let mut child =
+        command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().with_context(|| cannot_start(command, label))?;
     let (send, lines) = mpsc::channel();
     if let Some(stdout) = child.stdout.take() {
         forward(stdout, send.clone(), Line::Out);
@@ -124,19 +116,14 @@ fn run_on_pipe(command: &mut Command, label: &str) -> Result<std::process::ExitS
         }
         deadline = Instant::now() + HEARTBEAT;
     }
-    child
-        .wait()
-        .with_context(|| format!("{label}: lost the process"))
+    child.wait().with_context(|| format!("{label}: lost the process"))
 }
 
 fn forward(pipe: impl Read + Send + 'static, send: mpsc::Sender<Line>, wrap: fn(String) -> Line) {
     thread::spawn(move || {
         let mut pipe = BufReader::new(pipe);
         let mut bytes = Vec::new();
-        while pipe
-            .read_until(b'\n', &mut bytes)
-            .is_ok_and(|count| count > 0)
-        {
+        while pipe.read_until(b'\n', &mut bytes).is_ok_and(|count| count > 0) {
             let line = String::from_utf8_lossy(&bytes).trim_end().to_string();
             bytes.clear();
             if send.send(wrap(line)).is_err() {
@@ -154,9 +141,7 @@ fn heartbeat(label: &str, time: Duration, activity: Option<&str>) -> String {
 /// What cargo says it is doing, or `None` for any other line: `   Compiling libm v0.2.16 (path)` is `compiling libm`.
 fn cargo_activity(line: &str) -> Option<String> {
     let mut words = line.split_whitespace();
-    let verb = words
-        .next()
-        .filter(|verb| line.starts_with(' ') && ACTIVITIES.contains(verb))?;
+    let verb = words.next().filter(|verb| line.starts_with(' ') && ACTIVITIES.contains(verb))?;
     let object = words.next().unwrap_or_default();
     Some(format!("{} {object}", verb.to_lowercase()))
 }
@@ -169,14 +154,8 @@ mod tests {
     fn cargo_status_lines_are_told_from_messages() {
         let cases = [
             ("   Compiling libm v0.2.16", Some("compiling libm")),
-            (
-                "    Checking xtask v0.1.0 (/somewhere)",
-                Some("checking xtask"),
-            ),
-            (
-                "    Blocking waiting for file lock on build directory",
-                Some("blocking waiting"),
-            ),
+            ("    Checking xtask v0.1.0 (/somewhere)", Some("checking xtask")),
+            ("    Blocking waiting for file lock on build directory", Some("blocking waiting")),
             ("    Finished `dev` profile in 3.2s", None),
             ("     Running unittests src/lib.rs", None),
             ("warning: unused variable", None),
@@ -191,10 +170,7 @@ mod tests {
     #[test]
     fn a_heartbeat_names_the_step_the_time_and_the_last_crate() {
         let time = Duration::from_secs(40);
-        assert_eq!(
-            heartbeat("firmware", time, Some("compiling libm")),
-            "    ... firmware, 40 s, last: compiling libm"
-        );
+        assert_eq!(heartbeat("firmware", time, Some("compiling libm")), "    ... firmware, 40 s, last: compiling libm");
         assert_eq!(heartbeat("firmware", time, None), "    ... firmware, 40 s");
     }
 
@@ -207,19 +183,10 @@ mod tests {
     #[test]
     fn failures_name_the_step_and_the_reason() {
         let missing = capture(&mut Command::new("no-such-program-here"), "looking").unwrap_err();
-        assert_eq!(
-            missing.to_string(),
-            "looking: `no-such-program-here` cannot be started"
-        );
-        let failing = capture(
-            Command::new("sh").args(["-c", "echo first >&2; echo why >&2; exit 3"]),
-            "trying",
-        )
-        .unwrap_err();
+        assert_eq!(missing.to_string(), "looking: `no-such-program-here` cannot be started");
+        let failing =
+            capture(Command::new("sh").args(["-c", "echo first >&2; echo why >&2; exit 3"]), "trying").unwrap_err();
         assert_eq!(failing.to_string(), "trying failed (exit status: 3): why");
-        assert_eq!(
-            capture(Command::new("sh").args(["-c", "echo ' yes '"]), "asking").unwrap(),
-            "yes"
-        );
+        assert_eq!(capture(Command::new("sh").args(["-c", "echo ' yes '"]), "asking").unwrap(), "yes");
     }
 }

@@ -5,8 +5,9 @@ use std::process::Command;
 use anyhow::{Context, Result, bail};
 
 use crate::apt::Access;
+use crate::embedded;
 use crate::process;
-use crate::toolchain::{self, ADD_TARGET, Attempt, Choice, TARGET, Toolchain};
+use crate::toolchain::{self, ADD_TARGET, Attempt, Choice, DEBIAN_CLIPPY, TARGET, Toolchain};
 use crate::version::Version;
 
 /// Oldest QEMU whose instruction counts are known to be right.
@@ -43,37 +44,23 @@ pub fn firmware_toolchain() -> Result<Toolchain> {
                 eprintln!("setup: firmware toolchain: asking rustup for {TARGET}");
                 // Captured: what rustup prints about an unreachable server is not the way on.
                 let added = process::capture(
-                    Command::new("rustup")
-                        .args(["target", "add", TARGET])
-                        .env("RUSTUP_MAX_RETRIES", "1"),
+                    Command::new("rustup").args(["target", "add", TARGET]).env("RUSTUP_MAX_RETRIES", "1"),
                     "rustup target add",
                 );
                 if added.is_err() {
-                    eprintln!(
-                        "setup: firmware toolchain: rustup cannot get it, taking Debian's packages"
-                    );
+                    eprintln!("setup: firmware toolchain: rustup cannot get it, taking Debian's packages");
                 }
-                facts = toolchain::Facts {
-                    target_add: Attempt::Closed,
-                    ..toolchain::find_facts()?
-                };
+                facts = toolchain::Facts { target_add: Attempt::Closed, ..toolchain::find_facts()? };
             }
             Choice::Install(packages) => {
-                eprintln!(
-                    "setup: firmware toolchain: installing {}",
-                    packages.join(", ")
-                );
+                eprintln!("setup: firmware toolchain: installing {}", packages.join(", "));
                 Access::find().install(&packages)?;
                 let closed = Attempt::Closed;
-                facts = toolchain::Facts {
-                    target_add: closed,
-                    debian_install: closed,
-                    ..toolchain::find_facts()?
-                };
+                facts = toolchain::Facts { target_add: closed, debian_install: closed, ..toolchain::find_facts()? };
             }
-            Choice::GiveUp(line) => bail!(
-                "no toolchain for the firmware. Where its server can be reached, type:\n{line}"
-            ),
+            Choice::GiveUp(line) => {
+                bail!("no toolchain for the firmware. Where its server can be reached, type:\n{line}")
+            }
         }
     }
 }
@@ -87,6 +74,21 @@ pub fn qemu() -> Result<()> {
     ensure(&C_COMPILER)
 }
 
+/// `cargo clippy` for the embedded workspace; further arguments are the caller's to add.
+///
+/// # Errors
+/// When there is no toolchain, or Debian's has no lints and they cannot be installed, with the one line to type.
+pub fn embedded_clippy() -> Result<Command> {
+    let toolchain = firmware_toolchain()?;
+    if let Toolchain::Debian { rust, .. } = &toolchain
+        && !rust.clippy().exists()
+    {
+        eprintln!("setup: lints for the firmware: installing {DEBIAN_CLIPPY}");
+        Access::find().install(&[DEBIAN_CLIPPY])?;
+    }
+    Ok(toolchain.cargo("clippy", &embedded::target_dir()?))
+}
+
 /// A program that a Debian package brings.
 struct Tool {
     name: &'static str,
@@ -95,18 +97,9 @@ struct Tool {
     oldest: Version,
 }
 
-const QEMU: Tool = Tool {
-    name: "QEMU",
-    program: "qemu-system-arm",
-    package: "qemu-system-arm",
-    oldest: OLDEST_QEMU,
-};
-const C_COMPILER: Tool = Tool {
-    name: "C compiler",
-    program: "cc",
-    package: "build-essential",
-    oldest: Version::new(0, 0),
-};
+const QEMU: Tool = Tool { name: "QEMU", program: "qemu-system-arm", package: "qemu-system-arm", oldest: OLDEST_QEMU };
+const C_COMPILER: Tool =
+    Tool { name: "C compiler", program: "cc", package: "build-essential", oldest: Version::new(0, 0) };
 
 /// Whether a tool does.
 #[derive(Debug, PartialEq)]
@@ -131,21 +124,17 @@ fn look(tool: &Tool) -> State {
 
 fn ensure(tool: &Tool) -> Result<()> {
     let name = tool.name;
-    if look(tool) == State::Missing {
+    let missing = look(tool) == State::Missing;
+    if missing {
         eprintln!("setup: {name}: installing {}", tool.package);
         Access::find().install(&[tool.package])?;
     }
     match look(tool) {
-        State::There(version) => eprintln!("setup: {name}: already there ({version})"),
-        State::TooOld(version) => bail!(
-            "{name} {version} is too old; {} or newer is needed",
-            tool.oldest
-        ),
-        State::Missing => bail!(
-            "{name}: {} was installed but `{}` does not run",
-            tool.package,
-            tool.program
-        ),
+        State::There(version) => {
+            eprintln!("setup: {name}: {} ({version})", if missing { "installed" } else { "already there" });
+        }
+        State::TooOld(version) => bail!("{name} {version} is too old; {} or newer is needed", tool.oldest),
+        State::Missing => bail!("{name}: {} was installed but `{}` does not run", tool.package, tool.program),
     }
     Ok(())
 }
@@ -153,23 +142,16 @@ fn ensure(tool: &Tool) -> Result<()> {
 fn plan(tool: &Tool) -> String {
     match look(tool) {
         State::There(version) => format!("{}: already there ({version})", tool.name),
-        State::TooOld(version) => format!(
-            "{}: {version} is too old, {} is needed",
-            tool.name, tool.oldest
-        ),
+        State::TooOld(version) => format!("{}: {version} is too old, {} is needed", tool.name, tool.oldest),
         State::Missing => format!("{}: {}", tool.name, Access::find().line(&[tool.package])),
     }
 }
 
 fn plan_toolchain() -> Result<String> {
-    let what = match toolchain::choose(&toolchain::find_facts().context("looking for a toolchain")?)
-    {
+    let what = match toolchain::choose(&toolchain::find_facts().context("looking for a toolchain")?) {
         Choice::Use(toolchain) => format!("already there ({})", toolchain.describe()),
         Choice::AddTarget => {
-            format!(
-                "{ADD_TARGET}; if that fails: {}",
-                Access::find().line(&toolchain::DEBIAN_PACKAGES)
-            )
+            format!("{ADD_TARGET}; if that fails: {}", Access::find().line(&toolchain::DEBIAN_PACKAGES))
         }
         Choice::Install(packages) => Access::find().line(&packages),
         Choice::GiveUp(line) => line.to_string(),
@@ -187,18 +169,9 @@ mod tests {
         let cases = [
             (None, State::Missing),
             (Some("nonsense"), State::Missing),
-            (
-                Some("QEMU emulator version 6.2.0 (Debian 1:6.2+dfsg-2ubuntu6)"),
-                State::TooOld(version(6, 2)),
-            ),
-            (
-                Some("QEMU emulator version 7.2.0"),
-                State::There(version(7, 2)),
-            ),
-            (
-                Some("QEMU emulator version 10.1.0"),
-                State::There(version(10, 1)),
-            ),
+            (Some("QEMU emulator version 6.2.0 (Debian 1:6.2+dfsg-2ubuntu6)"), State::TooOld(version(6, 2))),
+            (Some("QEMU emulator version 7.2.0"), State::There(version(7, 2))),
+            (Some("QEMU emulator version 10.1.0"), State::There(version(10, 1))),
         ];
         for (printed, expected) in cases {
             assert_eq!(state(&QEMU, printed), expected, "{printed:?}");

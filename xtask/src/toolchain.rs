@@ -20,6 +20,9 @@ pub const OLDEST_RUST: Version = Version::new(1, 95);
 /// Debian's compiler, its cargo and the standard library's source.
 pub const DEBIAN_PACKAGES: [&str; 3] = ["rustc-web", "cargo-web", "rust-web-src"];
 
+/// The lints of Debian's compiler; a build does without.
+pub const DEBIAN_CLIPPY: &str = "rust-web-clippy";
+
 /// The one line that installs the target where rustup's server can be reached.
 pub const ADD_TARGET: &str = "rustup target add thumbv7em-none-eabihf";
 
@@ -59,6 +62,13 @@ pub struct DebianRust {
     pub rustc: PathBuf,
 }
 
+impl DebianRust {
+    /// Where its lints are if they are installed.
+    pub fn clippy(&self) -> PathBuf {
+        self.cargo.with_file_name("cargo-clippy")
+    }
+}
+
 /// What to do next about the toolchain.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Choice {
@@ -94,15 +104,9 @@ pub fn choose(facts: &Facts) -> Choice {
     if facts.has_target {
         return Choice::Use(Toolchain::Native);
     }
-    let debian = facts
-        .debian
-        .as_ref()
-        .filter(|rust| rust.version >= OLDEST_RUST);
+    let debian = facts.debian.as_ref().filter(|rust| rust.version >= OLDEST_RUST);
     if let (Some(rust), Some(linker)) = (debian, &facts.linker) {
-        return Choice::Use(Toolchain::Debian {
-            rust: rust.clone(),
-            linker: linker.clone(),
-        });
+        return Choice::Use(Toolchain::Debian { rust: rust.clone(), linker: linker.clone() });
     }
     if facts.target_add == Attempt::Open {
         return Choice::AddTarget;
@@ -133,11 +137,7 @@ pub fn find_facts() -> Result<Facts> {
     let apt = process::succeeds(Command::new("apt-get").arg("--version"));
     Ok(Facts {
         has_target: has_library_core(Path::new(&library)),
-        target_add: if rustup {
-            Attempt::Open
-        } else {
-            Attempt::Closed
-        },
+        target_add: if rustup { Attempt::Open } else { Attempt::Closed },
         debian: find_debian_rust(),
         debian_install: if apt { Attempt::Open } else { Attempt::Closed },
         linker: find_linker()?,
@@ -145,53 +145,30 @@ pub fn find_facts() -> Result<Facts> {
 }
 
 fn has_library_core(directory: &Path) -> bool {
-    std::fs::read_dir(directory).is_ok_and(|entries| {
-        entries
-            .flatten()
-            .any(|entry| entry.file_name().to_string_lossy().starts_with("libcore-"))
-    })
+    std::fs::read_dir(directory)
+        .is_ok_and(|entries| entries.flatten().any(|entry| entry.file_name().to_string_lossy().starts_with("libcore-")))
 }
 
 fn find_debian_rust() -> Option<DebianRust> {
-    let files =
-        process::capture(Command::new("dpkg").arg("-L").args(DEBIAN_PACKAGES), "dpkg").ok()?;
+    let files = process::capture(Command::new("dpkg").arg("-L").args(DEBIAN_PACKAGES), "dpkg").ok()?;
     let cargo = program_in(&files, "/usr/bin/cargo")?;
     let rustc = program_in(&files, "/usr/bin/rustc")?;
-    let version =
-        Version::find(&process::capture(Command::new(&rustc).arg("--version"), "rustc").ok()?)?;
-    Some(DebianRust {
-        version,
-        cargo,
-        rustc,
-    })
+    let version = Version::find(&process::capture(Command::new(&rustc).arg("--version"), "rustc").ok()?)?;
+    Some(DebianRust { version, cargo, rustc })
 }
 
 /// The line of a package's file list that is `program` itself (there is a wrapper script of the same name elsewhere).
 fn program_in(files: &str, program: &str) -> Option<PathBuf> {
-    files
-        .lines()
-        .find(|line| *line == program)
-        .map(PathBuf::from)
+    files.lines().find(|line| *line == program).map(PathBuf::from)
 }
 
 fn find_linker() -> Result<Option<PathBuf>> {
-    let verbose = process::capture(
-        Command::new("rustc").arg("-vV"),
-        "asking rustc for its version",
-    )?;
-    let sysroot = process::capture(
-        Command::new("rustc").args(["--print", "sysroot"]),
-        "asking rustc for its sysroot",
-    )?;
+    let verbose = process::capture(Command::new("rustc").arg("-vV"), "asking rustc for its version")?;
+    let sysroot = process::capture(Command::new("rustc").args(["--print", "sysroot"]), "asking rustc for its sysroot")?;
     let host = host_triple(&verbose).context("rustc does not name its host")?;
-    let rust_lld = Path::new(&sysroot)
-        .join("lib/rustlib")
-        .join(host)
-        .join("bin/rust-lld");
+    let rust_lld = Path::new(&sysroot).join("lib/rustlib").join(host).join("bin/rust-lld");
     let debian_lld = PathBuf::from("/usr/bin/ld.lld");
-    Ok([rust_lld, debian_lld]
-        .into_iter()
-        .find(|path| path.exists()))
+    Ok([rust_lld, debian_lld].into_iter().find(|path| path.exists()))
 }
 
 fn host_triple(verbose: &str) -> Option<&str> {
@@ -203,10 +180,7 @@ fn host_triple(verbose: &str) -> Option<&str> {
 /// # Errors
 /// When `rustc` cannot be asked or prints no version.
 pub fn host_version() -> Result<Version> {
-    let text = process::capture(
-        Command::new("rustc").arg("--version"),
-        "asking rustc for its version",
-    )?;
+    let text = process::capture(Command::new("rustc").arg("--version"), "asking rustc for its version")?;
     Version::find(&text).with_context(|| format!("rustc prints no version: {text:?}"))
 }
 
@@ -217,10 +191,7 @@ impl Toolchain {
             Toolchain::Native => format!("the active compiler with target {TARGET}"),
             Toolchain::Debian { rust, linker } => {
                 let linker = linker.file_name().unwrap_or_default().to_string_lossy();
-                format!(
-                    "Debian's rustc {} with core built from source, linked by {linker}",
-                    rust.version
-                )
+                format!("Debian's rustc {} with core built from source, linked by {linker}", rust.version)
             }
         }
     }
@@ -232,11 +203,7 @@ mod tests {
 
     fn debian(minor: u32) -> Option<DebianRust> {
         let path = |name: &str| PathBuf::from("bin").join(name);
-        Some(DebianRust {
-            version: Version::new(1, minor),
-            cargo: path("cargo"),
-            rustc: path("rustc"),
-        })
+        Some(DebianRust { version: Version::new(1, minor), cargo: path("cargo"), rustc: path("rustc") })
     }
 
     fn lld() -> Option<PathBuf> {
@@ -246,114 +213,45 @@ mod tests {
     #[test]
     fn the_choice_follows_the_facts() {
         use Attempt::{Closed, Open};
-        let bare = Facts {
-            target_add: Open,
-            debian_install: Open,
-            linker: lld(),
-            ..Facts::default()
-        };
-        let with_debian = Choice::Use(Toolchain::Debian {
-            rust: debian(96).unwrap(),
-            linker: lld().unwrap(),
-        });
+        let bare = Facts { target_add: Open, debian_install: Open, linker: lld(), ..Facts::default() };
+        let with_debian = Choice::Use(Toolchain::Debian { rust: debian(96).unwrap(), linker: lld().unwrap() });
         let all = DEBIAN_PACKAGES.to_vec();
         let all_and_lld = [&DEBIAN_PACKAGES[..], &["lld"]].concat();
         let cases = [
-            (
-                "target there",
-                Facts {
-                    has_target: true,
-                    ..bare.clone()
-                },
-                Choice::Use(Toolchain::Native),
-            ),
+            ("target there", Facts { has_target: true, ..bare.clone() }, Choice::Use(Toolchain::Native)),
             (
                 "both there",
-                Facts {
-                    has_target: true,
-                    debian: debian(96),
-                    ..bare.clone()
-                },
+                Facts { has_target: true, debian: debian(96), ..bare.clone() },
                 Choice::Use(Toolchain::Native),
             ),
-            (
-                "Debian's there",
-                Facts {
-                    debian: debian(96),
-                    ..bare.clone()
-                },
-                with_debian.clone(),
-            ),
+            ("Debian's there", Facts { debian: debian(96), ..bare.clone() }, with_debian.clone()),
             (
                 "Debian's there, no network tool",
-                Facts {
-                    debian: debian(96),
-                    target_add: Closed,
-                    ..bare.clone()
-                },
+                Facts { debian: debian(96), target_add: Closed, ..bare.clone() },
                 with_debian,
             ),
             ("nothing there", bare.clone(), Choice::AddTarget),
-            (
-                "Debian's too old",
-                Facts {
-                    debian: debian(85),
-                    ..bare.clone()
-                },
-                Choice::AddTarget,
-            ),
-            (
-                "Debian's without linker",
-                Facts {
-                    debian: debian(96),
-                    linker: None,
-                    ..bare.clone()
-                },
-                Choice::AddTarget,
-            ),
-            (
-                "rustup failed",
-                Facts {
-                    target_add: Closed,
-                    ..bare.clone()
-                },
-                Choice::Install(all.clone()),
-            ),
+            ("Debian's too old", Facts { debian: debian(85), ..bare.clone() }, Choice::AddTarget),
+            ("Debian's without linker", Facts { debian: debian(96), linker: None, ..bare.clone() }, Choice::AddTarget),
+            ("rustup failed", Facts { target_add: Closed, ..bare.clone() }, Choice::Install(all.clone())),
             (
                 "rustup failed, Debian's too old",
-                Facts {
-                    target_add: Closed,
-                    debian: debian(85),
-                    ..bare.clone()
-                },
+                Facts { target_add: Closed, debian: debian(85), ..bare.clone() },
                 Choice::Install(all),
             ),
             (
                 "rustup failed, no linker",
-                Facts {
-                    target_add: Closed,
-                    linker: None,
-                    ..bare.clone()
-                },
+                Facts { target_add: Closed, linker: None, ..bare.clone() },
                 Choice::Install(all_and_lld),
             ),
             (
                 "only the linker is missing",
-                Facts {
-                    target_add: Closed,
-                    debian: debian(96),
-                    linker: None,
-                    ..bare.clone()
-                },
+                Facts { target_add: Closed, debian: debian(96), linker: None, ..bare.clone() },
                 Choice::Install(vec!["lld"]),
             ),
             (
                 "all failed",
-                Facts {
-                    target_add: Closed,
-                    debian_install: Closed,
-                    ..bare
-                },
+                Facts { target_add: Closed, debian_install: Closed, ..bare },
                 Choice::GiveUp("rustup target add thumbv7em-none-eabihf"),
             ),
         ];
@@ -365,19 +263,13 @@ mod tests {
     #[test]
     fn the_program_is_found_among_a_packages_files() {
         let files = "/.\n/usr\n/usr/bin\n/usr/bin/cargo\n/usr/share/cargo/bin/cargo\n";
-        assert_eq!(
-            program_in(files, "/usr/bin/cargo"),
-            Some(PathBuf::from("/usr/bin/cargo"))
-        );
+        assert_eq!(program_in(files, "/usr/bin/cargo"), Some(PathBuf::from("/usr/bin/cargo")));
         assert_eq!(program_in(files, "/usr/bin/rustc"), None);
     }
 
     #[test]
     fn the_host_triple_is_read_from_the_long_version() {
-        assert_eq!(
-            host_triple("rustc 1.95.0\nbinary: rustc\nhost: a-b-c\n"),
-            Some("a-b-c")
-        );
+        assert_eq!(host_triple("rustc 1.95.0\nbinary: rustc\nhost: a-b-c\n"), Some("a-b-c"));
         assert_eq!(host_triple("rustc 1.95.0"), None);
     }
 }
