@@ -133,6 +133,12 @@ impl Nucleo {
         registers.get(Tim1::Sr) & 1 != 0
     }
 
+    /// Whether TIM1's main output enable stands; a break clears it.
+    pub fn main_output(&mut self) -> bool {
+        let (_, registers) = self.mcu.advanced_timer(TIMER_BRIDGE);
+        registers.get(Tim1::Bdtr) & 1 << 15 != 0
+    }
+
     /// TIM1's registers as they stand; at an update event the compare values read are the ones that become active.
     pub fn pwm(&mut self) -> PwmRegisters {
         let (_, registers) = self.mcu.advanced_timer(TIMER_BRIDGE);

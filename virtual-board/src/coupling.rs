@@ -145,14 +145,17 @@ impl Coupling {
         }
     }
 
-    /// The plant, advanced to the last event.
+    /// The plant as it will be at `now_ns`, if nothing happens until then. Looking changes nothing: the run keeps its own steps.
     #[must_use]
-    pub fn plant(&self) -> &Plant {
-        &self.plant
+    pub fn plant_at(&self, now_ns: u64) -> Plant {
+        let mut plant = self.plant.clone();
+        plant.advance(now_ns.saturating_sub(self.now_ns), &self.bridge);
+        plant
     }
 
-    /// The plant, to change it.
-    pub fn plant_mut(&mut self) -> &mut Plant {
+    /// The plant, advanced to `now_ns`, to change it.
+    pub fn plant_mut(&mut self, now_ns: u64) -> &mut Plant {
+        self.advance_to(now_ns);
         &mut self.plant
     }
 
@@ -214,6 +217,10 @@ impl Coupling {
             self.after_reset(board, stop.at);
         }
         self.note_update(board, stop.at.0);
+        // A break turns the outputs off with no instruction and no interrupt.
+        if self.bridge.enabled && !board.main_output() {
+            self.switch_bridge(board, stop.at.0);
+        }
     }
 
     /// The microcontroller has been reset: its outputs are off, the world around it is as it was.
@@ -225,7 +232,7 @@ impl Coupling {
     }
 
     /// Advances the plant to `now_ns`; a time in the past does nothing.
-    pub fn advance_to(&mut self, now_ns: u64) {
+    fn advance_to(&mut self, now_ns: u64) {
         let dt_ns = now_ns.saturating_sub(self.now_ns);
         if dt_ns > 0 {
             self.counts.plant_steps += 1;

@@ -198,15 +198,15 @@ impl VirtualBoard {
         if lines.is_empty() { Ok(()) } else { Err(Error::Unexplained { lines }) }
     }
 
-    /// The truth, advanced to now.
+    /// A copy of the truth as it is now. Looking does not change the run.
     ///
     /// # Errors
     /// [`Error::Ended`].
     pub fn plant(&mut self) -> Result<Plant, Error> {
-        self.with_plant(|plant| plant.clone())
+        self.runner.call(|halted| halted.coupling.plant_at(halted.now_ns()))
     }
 
-    /// Reads or changes the truth, advanced to now. A whole other plant may be put in its place.
+    /// Changes the truth, advanced to now. A whole other plant may be put in its place.
     ///
     /// # Errors
     /// [`Error::Ended`].
@@ -216,8 +216,7 @@ impl VirtualBoard {
     ) -> Result<R, Error> {
         self.runner.call(move |halted| {
             let now_ns = halted.now_ns();
-            halted.coupling.advance_to(now_ns);
-            change(halted.coupling.plant_mut())
+            change(halted.coupling.plant_mut(now_ns))
         })
     }
 

@@ -4,7 +4,10 @@
 use std::sync::OnceLock;
 use std::time::Duration;
 
-use servo_virtual_board::{Config, Elf, LogLine, Snapshot, VirtualBoard};
+use servo_core::profile::Limits;
+use servo_core::state::State;
+use servo_protocol::message::{Reply, Request, Status};
+use servo_virtual_board::{Config, Elf, Link, LogLine, Snapshot, VirtualBoard};
 
 /// The converters' calibration and the start-up take 76 ms.
 pub const BOOT: Duration = Duration::from_millis(150);
@@ -31,4 +34,30 @@ pub fn board() -> VirtualBoard {
 
 pub fn logged(lines: &[LogLine], text: &str) -> bool {
     lines.iter().any(|line| line.message.contains(text))
+}
+
+/// A board with the loop closed and at rest for 50 ms, and the host's end of its serial line.
+pub fn enabled() -> (VirtualBoard, Link) {
+    static ENABLED: OnceLock<Snapshot> = OnceLock::new();
+    let snapshot = ENABLED.get_or_init(|| {
+        let mut board = board();
+        assert_eq!(Link::new().request(&mut board, &Request::Enable).unwrap(), Reply::Done);
+        board.run_for(Duration::from_millis(50)).unwrap();
+        assert_eq!(status(&mut board, &mut Link::new()).state, State::OperationEnabled);
+        board.snapshot().unwrap()
+    });
+    (VirtualBoard::from_snapshot(snapshot).unwrap(), Link::new())
+}
+
+pub fn status(board: &mut VirtualBoard, link: &mut Link) -> Status {
+    match link.request(board, &Request::Status).unwrap() {
+        Reply::Status(status) => status,
+        other => panic!("{other:?} instead of a status"),
+    }
+}
+
+/// The move of most tests: 5 mm at 1 m/s².
+pub fn five_mm() -> Request {
+    let limits = Limits { velocity_m_per_s: 0.5, acceleration_m_per_s2: 1.0 };
+    Request::Move { target_ct: 81_920_000, limits }
 }
