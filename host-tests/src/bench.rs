@@ -47,6 +47,16 @@ impl Bench {
 
     /// One servo period in which `tamper` may change what the drive sees.
     pub fn tick_with(&mut self, command: Option<Command>, tamper: impl FnOnce(&mut ServoSample)) -> ServoOutput {
+        self.tick_observed(command, tamper, |_, _| ())
+    }
+
+    /// The same; `look` sees what goes in and out in the PWM periods after the servo period.
+    pub fn tick_observed(
+        &mut self,
+        command: Option<Command>,
+        tamper: impl FnOnce(&mut ServoSample),
+        mut look: impl FnMut(PhaseCodes, Bridge),
+    ) -> ServoOutput {
         let mut sample = ServoSample {
             phases: self.phases(),
             frame: self.plant.encoder_frame(),
@@ -61,6 +71,7 @@ impl Bench {
         for _ in 1..PERIODS_PER_TICK {
             let phases = self.phases();
             let bridge = self.axis.on_period(phases);
+            look(phases, bridge);
             self.period(bridge);
         }
         output

@@ -2,10 +2,11 @@
 //!
 //! A [`Bench`] is the pair, wired as on the board: phase currents and encoder are sampled at the PWM update, the bridge takes
 //! new duties one period later. [`experiment`] makes the moves of the settling experiments on it, [`tuning`] turns a stage
-//! into settings.
+//! into settings, [`golden`] records the run that QEMU repeats.
 
 pub mod bench;
 pub mod experiment;
+pub mod golden;
 pub mod tuning;
 
 pub use bench::Bench;

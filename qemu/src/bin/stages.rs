@@ -1,0 +1,112 @@
+//! The recorded run with the axis taken apart, so that each part is counted by itself.
+//!
+//! Drive, current loop and capture are wired here once more, as in [`servo_core::axis`]; that the digest is the same proves
+//! that they are wired alike. The stages within the tick are counted on copies that follow the run.
+#![no_std]
+#![no_main]
+
+use core::hint::black_box;
+
+use servo_core::axis::ServoOutput;
+use servo_core::capture::Capture;
+use servo_core::cascade;
+use servo_core::compensator::niasa::Niasa;
+use servo_core::config::Config;
+use servo_core::current::{CurrentLoop, Demand};
+use servo_core::drive::{Command, Drive, Inputs};
+use servo_core::position::Position;
+use servo_core::profile::Profile;
+use servo_core::record::{TickRecord, flags};
+use servo_core::settling::Monitor;
+use servo_qemu::digest::Digest;
+use servo_qemu::image::{self, Failure};
+use servo_qemu::recording::Tick;
+use servo_qemu::regions::{self, Class};
+use servo_qemu::script;
+
+#[cortex_m_rt::entry]
+fn main() -> ! {
+    image::end(run())
+}
+
+fn run() -> Result<Digest, Failure> {
+    black_box(regions::calibrate_straight(black_box(1)));
+    for passes in [1_000, 2_000, 4_000] {
+        regions::calibrate_loop(black_box(passes));
+    }
+
+    let mut drive = Drive::new(Config::new(&script::settings())?);
+    let mut current = CurrentLoop::default();
+    let mut capture = Capture::default();
+    let mut stages = Stages::new();
+    image::replay(|digest, number, tick| {
+        if number == script::CAPTURE_TICK {
+            capture.arm(script::CAPTURE);
+        }
+        let command = script::command(number)?;
+        regions::enter(Class::of(&drive, &command));
+
+        if matches!(command, Some(Command::ResetFault)) {
+            current.clear_trip();
+        }
+        let inputs = Inputs {
+            frame: tick.sample.frame,
+            iq_a: current.iq_a(),
+            over_current: current.is_tripped(),
+            bus_code: tick.sample.bus_code,
+            bridge_fault: tick.sample.bridge_fault,
+            last_tick_cycles: tick.sample.last_tick_cycles,
+        };
+        let output = regions::servo_tick(&mut drive, &inputs, command);
+        let demand = output.demand;
+        let k = drive.config().current;
+        let bridge = regions::current_loop(&mut current, &k, &demand, tick.sample.phases, 0);
+        let sample = capture.step(&output.record);
+        digest.servo(&ServoOutput { bridge, record: output.record, outcome: output.outcome, sample });
+
+        regions::enter(if bridge.enabled { Class::On } else { Class::Off });
+        for (i, phases) in tick.phases.into_iter().enumerate() {
+            digest.period(regions::current_loop(&mut current, &k, &demand, phases, i as u32 + 1));
+        }
+        stages.follow(drive.config(), tick, &output.record, &demand);
+        Ok(())
+    })
+}
+
+/// The tick's stages, on their own.
+struct Stages {
+    profile: Profile,
+    cascade: cascade::State,
+    niasa: Niasa,
+    settling: Monitor,
+}
+
+impl Stages {
+    fn new() -> Self {
+        let at = Position(0);
+        Stages {
+            profile: Profile::at_rest(at),
+            cascade: cascade::State::default(),
+            niasa: Niasa::at_rest(at),
+            settling: Monitor::default(),
+        }
+    }
+
+    fn follow(&mut self, config: &Config, tick: &Tick, record: &TickRecord, demand: &Demand) {
+        let _ = black_box(regions::biss_decode(tick.sample.frame));
+        if !demand.enabled {
+            return;
+        }
+        if record.flags & flags::MOVING == 0 {
+            // From rest to rest again and again, one profile as long as the recorded moves.
+            if self.profile.is_done() {
+                self.profile = Profile::between(Position(0), script::FIVE_MM, script::LIMITS, config.count_m);
+            }
+            regions::settling_update(&mut self.settling, config, record.error_ct);
+        }
+        black_box(regions::profile_advance(&mut self.profile));
+        black_box(regions::cascade_terms(&mut self.cascade, &config.cascade, record.error_ct));
+        black_box(regions::niasa_update(&mut self.niasa, config, record));
+        black_box(regions::sin_cos(demand.turns));
+    }
+}

@@ -1,0 +1,150 @@
+//! What is counted: one function each, never inlined, so that it has a symbol, an entry and a return.
+//!
+//! A count runs from the first instruction of the function to its return, calls included. The `class_…` functions do
+//! nothing; their entry tells the counting side what kind of tick follows.
+
+use core::hint::black_box;
+
+use servo_core::axis::{Axis, ServoOutput, ServoSample};
+use servo_core::cascade;
+use servo_core::compensator::niasa::{self, Niasa};
+use servo_core::config::Config;
+use servo_core::current::{self, Bridge, CurrentLoop, Demand, PhaseCodes};
+use servo_core::drive::{Command, Drive, Inputs, Output};
+use servo_core::encoder::biss::{self, FrameError, Reading};
+use servo_core::math;
+use servo_core::profile::{Profile, Setpoint};
+use servo_core::record::{TickRecord, flags};
+use servo_core::settling::Monitor;
+
+/// What kind of tick follows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Class {
+    /// Bridge on, no command.
+    On,
+    /// Bridge on, and a command to obey.
+    Command,
+    /// Bridge off.
+    Off,
+}
+
+impl Class {
+    /// The class of the tick in which `drive` is given `command`.
+    pub fn of(drive: &Drive, command: &Option<Command>) -> Class {
+        match (drive.state().has_torque(), command) {
+            (true, None) => Class::On,
+            (true, Some(_)) => Class::Command,
+            (false, _) => Class::Off,
+        }
+    }
+}
+
+/// Calls the `class_…` function of `class`.
+pub fn enter(class: Class) {
+    match class {
+        Class::On => class_on(),
+        Class::Command => class_command(),
+        Class::Off => class_off(),
+    }
+}
+
+/// See [`Class::On`].
+#[inline(never)]
+pub fn class_on() {
+    black_box(1);
+}
+
+/// See [`Class::Command`].
+#[inline(never)]
+pub fn class_command() {
+    black_box(2);
+}
+
+/// See [`Class::Off`].
+#[inline(never)]
+pub fn class_off() {
+    black_box(3);
+}
+
+/// The servo period as the firmware runs it.
+#[inline(never)]
+pub fn on_servo(axis: &mut Axis, sample: &ServoSample, command: Option<Command>) -> ServoOutput {
+    axis.on_servo(sample, command)
+}
+
+/// Any other period as the firmware runs it: the current loop.
+#[inline(never)]
+pub fn on_period(axis: &mut Axis, phases: PhaseCodes) -> Bridge {
+    axis.on_period(phases)
+}
+
+/// The servo tick alone.
+#[inline(never)]
+pub fn servo_tick(drive: &mut Drive, inputs: &Inputs, command: Option<Command>) -> Output {
+    drive.tick(inputs, command)
+}
+
+/// The current loop alone.
+#[inline(never)]
+pub fn current_loop(
+    current: &mut CurrentLoop,
+    k: &current::Coefficients,
+    demand: &Demand,
+    phases: PhaseCodes,
+    periods: u32,
+) -> Bridge {
+    current.step(k, demand, phases, periods)
+}
+
+/// Decoding one encoder frame.
+#[inline(never)]
+pub fn biss_decode(frame: u64) -> Result<Reading, FrameError> {
+    biss::decode(frame)
+}
+
+/// One set-point of a profile.
+#[inline(never)]
+pub fn profile_advance(profile: &mut Profile) -> Setpoint {
+    profile.advance()
+}
+
+/// Position and velocity loop.
+#[inline(never)]
+pub fn cascade_terms(state: &mut cascade::State, k: &cascade::Coefficients, error_ct: i32) -> cascade::Terms {
+    state.terms(k, error_ct)
+}
+
+/// Friction model and schedule.
+#[inline(never)]
+pub fn niasa_update(state: &mut Niasa, config: &Config, record: &TickRecord) -> niasa::Increment {
+    let moving = record.flags & flags::MOVING != 0;
+    state.update(&config.niasa, record.position, record.error_ct, moving, config.cascade.proportional_n_per_m)
+}
+
+/// Settling statistics.
+#[inline(never)]
+pub fn settling_update(monitor: &mut Monitor, config: &Config, error_ct: i32) {
+    monitor.update(error_ct, &config.tolerances_ct);
+}
+
+/// Sine and cosine.
+#[inline(never)]
+pub fn sin_cos(turns: f32) -> (f32, f32) {
+    math::sin_cos_turns(turns)
+}
+
+/// For calibration: no branch but the return, so that it executes as many instructions as it has.
+#[inline(never)]
+pub fn calibrate_straight(x: u32) -> u32 {
+    let y = black_box(x.rotate_left(3)) ^ x;
+    black_box(y.wrapping_add(x)) ^ y
+}
+
+/// For calibration: the same few instructions in each of `passes` passes, and a constant.
+#[inline(never)]
+pub fn calibrate_loop(passes: u32) {
+    let mut left = passes;
+    while left > 0 {
+        left = black_box(left) - 1;
+    }
+}
