@@ -243,7 +243,7 @@ impl Drive {
             self.niasa.update(&k.niasa, record.position, record.error_ct, moving, k.cascade.proportional_n_per_m);
         let feedforward_n = k.feedforward_mass_kg * self.reference.acceleration_m_per_s2;
 
-        // The linear integral stands still while NIASA's schedule includes k_P, which replaces it (7.55).
+        // A schedule that includes k_P is all the integral action there is (7.55): the linear integral stands still.
         let linear_n = if compensated && k.niasa.schedule == niasa::Schedule::SlopeAndProportional {
             0.0
         } else {
@@ -398,16 +398,23 @@ impl Drive {
             f64::from(k.acceleration_max_m_per_s2),
         )?;
         self.profile = Profile::between(self.reference.position, target, limits, k.count_m);
+        // What the last move's settling took becomes the linear integrator's, or the two would drift apart move by move.
+        self.merge_integrals();
         Ok(())
     }
 
     /// The force of a compensator that is turned off stays in the linear integrator.
     fn choose(&mut self, compensator: Compensator) {
         if compensator == Compensator::None {
-            self.cascade.integral_n += self.niasa.integral_n;
-            self.niasa.integral_n = 0.0;
+            self.merge_integrals();
         }
         self.config.compensator = compensator;
+    }
+
+    /// Hands the force of the nonlinear integrator to the linear one; their sum stays.
+    fn merge_integrals(&mut self) {
+        self.cascade.integral_n += self.niasa.integral_n;
+        self.niasa.integral_n = 0.0;
     }
 
     fn configure(&mut self, config: Config, needs_bridge_off: bool) -> Outcome {

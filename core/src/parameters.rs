@@ -115,9 +115,9 @@ parameters! {
     0x0503 niasa_coulomb_n "N" [1e-3, 1e3] 0.6, Always, "F̂_C of the friction model.";
     0x0504 niasa_time_constant_s "s" [1e-4, 10.0] 0.01, Always, "τ_d: time constant of settling.";
     0x0505 niasa_rate_limit_n "N" [1e-6, 1e3] 0.015, Always, "Largest change of the nonlinear integrator per tick (8.1): 2·F̂_C·dt/τ_d.";
-    0x0506 niasa_hysteresis_m "m" [0.0, 1e-6] 1e-9, Always, "Return from an extreme that counts as a velocity reversal; about twice the encoder's rms noise.";
-    0x0507 niasa_frozen_in_profile "" [0.0, 1.0] 0.0, Always, "0: acts always. 1: frozen while the profile moves (8.1.2).";
-    0x0508 niasa_with_proportional "" [0.0, 1.0] 0.0, Always, "0: schedules dF/dx beside the linear integral (App. E). 1: schedules dF/dx + k_P instead of it (7.55).";
+    0x0506 niasa_hysteresis_m "m" [0.0, 1e-6] 2e-9, Always, "Return from an extreme that counts as a velocity reversal; four to five times the encoder's rms noise.";
+    0x0507 niasa_frozen_in_profile "" [0.0, 1.0] 1.0, Always, "0: acts always. 1: frozen while the profile moves (8.1.2).";
+    0x0508 niasa_with_proportional "" [0.0, 1.0] 1.0, Always, "0: schedules dF/dx beside the linear integral (App. E). 1: schedules dF/dx + k_P instead of it (7.55).";
     0x0601 tick_limit_cycles "cycles" [100.0, 65_000.0] 10_000.0, BridgeOff, "A servo tick longer than this is a fault; the default is one PWM period at 400 MHz.";
 }
 

@@ -94,7 +94,7 @@ pub fn settings(stage: &Stage, tuning: &Tuning) -> Result<Settings, Refusal> {
         niasa_stiffness_n_per_m: stiffness,
         niasa_coulomb_n: coulomb,
         niasa_rate_limit_n: 2.0 * coulomb / (f64::from(SERVO_HZ) * defaults.niasa_time_constant_s),
-        niasa_hysteresis_m: (2.27 * stage.encoder.noise_m_rms).min(1e-6),
+        niasa_hysteresis_m: (4.5 * stage.encoder.noise_m_rms).min(1e-6),
         ..defaults
     };
     settings.validate()?;

@@ -27,7 +27,8 @@ pub enum DuringProfile {
 pub enum Schedule {
     /// `dF̂/dx` alone, beside the linear integral of the cascade (App. E).
     Slope,
-    /// `dF̂/dx + k_P`, instead of the linear integral (7.54, 7.55): the cascade's integrator keeps its value meanwhile.
+    /// `dF̂/dx + k_P`, instead of the linear integral (7.54, 7.55): the cascade's integrator keeps its value meanwhile, so that
+    /// together with [`DuringProfile::Frozen`] nothing integrates while the profile moves.
     SlopeAndProportional,
 }
 
