@@ -107,9 +107,9 @@ global_asm!(
 extern "C" fn hard_fault(stack_pointer: u32) -> ! {
     pwm::bridge_off();
     // SAFETY: reads of fault status registers, without side effects.
-    let (cfsr, hfsr, bfar) = unsafe {
+    let (cfsr, mmfar, bfar) = unsafe {
         let scb = &*SCB::PTR;
-        (scb.cfsr.read(), scb.hfsr.read(), scb.bfar.read())
+        (scb.cfsr.read(), scb.mmfar.read(), scb.bfar.read())
     };
-    die(format_args!("hard fault: sp {stack_pointer:#010x} cfsr {cfsr:#010x} hfsr {hfsr:#010x} bfar {bfar:#010x}"))
+    die(format_args!("hard fault: sp {stack_pointer:#010x} cfsr {cfsr:#010x} mmfar {mmfar:#010x} bfar {bfar:#010x}"))
 }

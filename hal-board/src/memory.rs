@@ -8,6 +8,26 @@ pub const PARAMETER_SECTOR_BYTES: u32 = 128 * 1024;
 /// them does not stall code, which runs from bank 1.
 pub const PARAMETER_SECTORS: [u32; 2] = [0x1C_0000, 0x1E_0000];
 
+/// Takes all access to the 512 bytes below the stack: running over its end is a fault at once, and not at the next address
+/// that no memory answers.
+pub(crate) fn guard_stack() {
+    const GUARD_START: u32 = 0x2000_0000;
+    const REGION_VALID: u32 = 1 << 4;
+    const NO_EXECUTE: u32 = 1 << 28;
+    const SIZE_512: u32 = 8 << 1;
+    const ENABLE: u32 = 1;
+    const DEFAULT_MAP_ELSEWHERE: u32 = 1 << 2;
+    // SAFETY: called once from `init`; nothing else uses the unit, and no access is taken away but to the guard.
+    unsafe {
+        let mpu = &*cortex_m::peripheral::MPU::PTR;
+        mpu.rbar.write(GUARD_START | REGION_VALID);
+        mpu.rasr.write(NO_EXECUTE | SIZE_512 | ENABLE);
+        mpu.ctrl.write(DEFAULT_MAP_ELSEWHERE | ENABLE);
+    }
+    cortex_m::asm::dsb();
+    cortex_m::asm::isb();
+}
+
 /// Bytes of the stack that have never been used, from the paint that start-up code put there.
 pub fn stack_free_bytes() -> u32 {
     unsafe extern "C" {
