@@ -56,6 +56,22 @@ pub enum Error {
         /// What it was asked.
         request: String,
     },
+    /// The drive refused a request.
+    #[error("{request} was refused: {reason}")]
+    Refused {
+        /// What it was asked.
+        request: String,
+        /// Its reason.
+        reason: String,
+    },
+    /// The drive did not get where it was sent.
+    #[error("the drive did not reach {what}: {status}")]
+    NotReached {
+        /// What was waited for.
+        what: String,
+        /// Where it stands.
+        status: String,
+    },
     /// The emulator remarked on something that nobody has explained.
     #[error("the emulator remarks on something unexplained:\n  {}", lines.join("\n  "))]
     Unexplained {

@@ -23,6 +23,7 @@ mod log;
 pub mod pwm;
 mod runner;
 mod serial;
+pub mod session;
 mod told;
 mod virtual_board;
 
@@ -33,5 +34,6 @@ pub use encoder::{EncoderFault, Lasting};
 pub use error::Error;
 pub use link::Link;
 pub use log::LogLine;
+pub use session::Session;
 pub use told::{Told, ToldKind};
 pub use virtual_board::{Config, NOMINAL_INSTRUCTIONS_PER_SECOND, Snapshot, VirtualBoard};

@@ -1,0 +1,170 @@
+//! A person at the board: settings, enable, moves, all through the serial link.
+
+use std::time::Duration;
+
+use servo_core::capture::{Order, Progress, WORDS_PER_SAMPLE};
+use servo_core::config::Compensator;
+use servo_core::parameters::{Settings, TABLE};
+use servo_core::profile::Limits;
+use servo_core::settling::Settling;
+use servo_core::state::State;
+use servo_protocol::message::{PARAMETERS_PER_REQUEST, Reply, Request, Status};
+
+use crate::{Error, Link, VirtualBoard};
+
+/// How often a state is asked for while waiting for it.
+const POLL: Duration = Duration::from_millis(2);
+/// How long the drive may take to reach Operation enabled, or a move of these experiments to end.
+const PATIENCE: Duration = Duration::from_secs(5);
+
+/// A board and the link to it.
+#[derive(Debug)]
+pub struct Session {
+    /// The board.
+    pub board: VirtualBoard,
+    link: Link,
+}
+
+/// One captured sample.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CapturedSample {
+    /// Set-point − position, counts.
+    pub error_ct: i32,
+    /// Force, N.
+    pub force_n: f32,
+}
+
+impl Session {
+    /// Talks to `board`.
+    #[must_use]
+    pub fn new(board: VirtualBoard) -> Self {
+        Session { board, link: Link::new() }
+    }
+
+    /// Sends a request and returns the reply, whatever it is.
+    ///
+    /// # Errors
+    /// [`Error::NoReply`], [`Error::Ended`].
+    pub fn ask(&mut self, request: &Request) -> Result<Reply, Error> {
+        self.link.request(&mut self.board, request)
+    }
+
+    /// Sends a command and expects it to be carried out.
+    ///
+    /// # Errors
+    /// [`Error::Refused`] with the drive's reason, and those of [`Session::ask`].
+    pub fn order(&mut self, request: &Request) -> Result<(), Error> {
+        match self.ask(request)? {
+            Reply::Done => Ok(()),
+            other => Err(unexpected(request, &other)),
+        }
+    }
+
+    /// What the drive is doing.
+    ///
+    /// # Errors
+    /// Those of [`Session::ask`].
+    pub fn status(&mut self) -> Result<Status, Error> {
+        match self.ask(&Request::Status)? {
+            Reply::Status(status) => Ok(status),
+            other => Err(unexpected(&Request::Status, &other)),
+        }
+    }
+
+    /// How the last move settled.
+    ///
+    /// # Errors
+    /// Those of [`Session::ask`].
+    pub fn settling(&mut self) -> Result<Settling, Error> {
+        match self.ask(&Request::Settling)? {
+            Reply::Settling(settling) => Ok(settling),
+            other => Err(unexpected(&Request::Settling, &other)),
+        }
+    }
+
+    /// Sets all parameters that differ from a new drive's.
+    ///
+    /// # Errors
+    /// A refused value, and those of [`Session::ask`].
+    pub fn configure(&mut self, settings: &Settings) -> Result<(), Error> {
+        let changed: Vec<(u16, f64)> =
+            TABLE.iter().filter(|p| p.get(settings) != p.default).map(|p| (p.id, p.get(settings))).collect();
+        for some in changed.chunks(PARAMETERS_PER_REQUEST) {
+            let values = some.iter().copied().collect();
+            self.order(&Request::SetParameters(values))?;
+        }
+        Ok(())
+    }
+
+    /// Enables the drive and waits for Operation enabled.
+    ///
+    /// # Errors
+    /// A refusal, a fault on the way, and those of [`Session::ask`].
+    pub fn enable(&mut self, compensator: Compensator) -> Result<(), Error> {
+        self.order(&Request::Enable)?;
+        self.wait_for("Operation enabled", |status| status.state == State::OperationEnabled)?;
+        self.order(&Request::Compensator(compensator))
+    }
+
+    /// Moves to `target_ct` and returns when the profile has ended.
+    ///
+    /// # Errors
+    /// A refusal, a fault on the way, and those of [`Session::ask`].
+    pub fn move_to(&mut self, target_ct: i64, limits: Limits) -> Result<(), Error> {
+        self.order(&Request::Move { target_ct, limits })?;
+        self.wait_for("the end of the move", |status| !status.moving)?;
+        Ok(())
+    }
+
+    /// Lets virtual time pass until `reached`.
+    fn wait_for(&mut self, what: &str, reached: impl Fn(&Status) -> bool) -> Result<Status, Error> {
+        let give_up_ns = self.board.time_ns() + PATIENCE.as_nanos() as u64;
+        loop {
+            self.board.run_for(POLL)?;
+            let status = self.status()?;
+            if status.fault.is_some() || self.board.time_ns() > give_up_ns {
+                return Err(Error::NotReached { what: what.to_owned(), status: format!("{status:?}") });
+            }
+            if reached(&status) {
+                return Ok(status);
+            }
+        }
+    }
+
+    /// Orders a capture from the end of the next profile on.
+    ///
+    /// # Errors
+    /// A refusal, and those of [`Session::ask`].
+    pub fn arm_capture(&mut self, order: Order) -> Result<(), Error> {
+        self.order(&Request::Capture(order))
+    }
+
+    /// Reads the capture out.
+    ///
+    /// # Errors
+    /// [`Error::NotReached`] if it is not complete, and those of [`Session::ask`].
+    pub fn read_capture(&mut self) -> Result<Vec<CapturedSample>, Error> {
+        let status = self.status()?;
+        let Progress::Complete(samples) = status.capture else {
+            return Err(Error::NotReached { what: "the end of the capture".to_owned(), status: format!("{status:?}") });
+        };
+        let total = samples * WORDS_PER_SAMPLE;
+        let mut words: Vec<u32> = Vec::with_capacity(total as usize);
+        while (words.len() as u32) < total {
+            let request = Request::ReadCapture { first: words.len() as u32 };
+            match self.ask(&request)? {
+                Reply::Capture { words: block, .. } if !block.is_empty() => words.extend(block),
+                other => return Err(unexpected(&request, &other)),
+            }
+        }
+        let sample = |w: &[u32]| CapturedSample { error_ct: w[0] as i32, force_n: f32::from_bits(w[2]) };
+        Ok(words.chunks_exact(WORDS_PER_SAMPLE as usize).map(sample).collect())
+    }
+}
+
+fn unexpected(request: &Request, reply: &Reply) -> Error {
+    match reply {
+        Reply::Refused(refusal) => Error::Refused { request: format!("{request:?}"), reason: refusal.to_string() },
+        other => Error::Refused { request: format!("{request:?}"), reason: format!("answered by {other:?}") },
+    }
+}
