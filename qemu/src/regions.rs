@@ -1,7 +1,7 @@
 //! What is counted: one function each, never inlined, so that it has a symbol, an entry and a return.
 //!
 //! A count runs from the first instruction of the function to its return, calls included. The `class_…` functions do
-//! nothing; their entry tells the counting side what kind of tick follows.
+//! nothing; that they are called tells the counting side what kind of tick the calls before belong to.
 
 use core::hint::black_box;
 
@@ -10,41 +10,45 @@ use servo_core::cascade;
 use servo_core::compensator::niasa::{self, Niasa};
 use servo_core::config::Config;
 use servo_core::current::{self, Bridge, CurrentLoop, Demand, PhaseCodes};
-use servo_core::drive::{Command, Drive, Inputs, Output};
+use servo_core::drive::{Command, Drive, Inputs, Outcome, Output};
 use servo_core::encoder::biss::{self, FrameError, Reading};
 use servo_core::math;
 use servo_core::profile::{Profile, Setpoint};
 use servo_core::record::{TickRecord, flags};
 use servo_core::settling::Monitor;
 
-/// What kind of tick follows.
+/// What kind of tick it was.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Class {
-    /// Bridge on, no command.
+    /// Nothing but control: bridge on before and after, a good frame, no command.
     On,
-    /// Bridge on, and a command to obey.
+    /// A command was answered.
     Command,
-    /// Bridge off.
+    /// The bridge was turned on or off, or the frame was bad.
+    Event,
+    /// Bridge off before and after.
     Off,
 }
 
 impl Class {
-    /// The class of the tick in which `drive` is given `command`.
-    pub fn of(drive: &Drive, command: &Option<Command>) -> Class {
-        match (drive.state().has_torque(), command) {
-            (true, None) => Class::On,
-            (true, Some(_)) => Class::Command,
-            (false, _) => Class::Off,
+    /// The class of a tick from what it gave; `was_on` and `is_on` are the bridge before and after.
+    pub fn of(was_on: bool, record: &TickRecord, outcome: Option<Outcome>, is_on: bool) -> Class {
+        match (was_on, is_on) {
+            _ if outcome.is_some() => Class::Command,
+            (false, false) => Class::Off,
+            (true, true) if record.flags & flags::FRAME_BAD == 0 => Class::On,
+            _ => Class::Event,
         }
     }
-}
 
-/// Calls the `class_…` function of `class`.
-pub fn enter(class: Class) {
-    match class {
-        Class::On => class_on(),
-        Class::Command => class_command(),
-        Class::Off => class_off(),
+    /// Calls the `class_…` function.
+    pub fn tell(self) {
+        match self {
+            Class::On => class_on(),
+            Class::Command => class_command(),
+            Class::Event => class_event(),
+            Class::Off => class_off(),
+        }
     }
 }
 
@@ -60,10 +64,16 @@ pub fn class_command() {
     black_box(2);
 }
 
+/// See [`Class::Event`].
+#[inline(never)]
+pub fn class_event() {
+    black_box(3);
+}
+
 /// See [`Class::Off`].
 #[inline(never)]
 pub fn class_off() {
-    black_box(3);
+    black_box(4);
 }
 
 /// The servo period as the firmware runs it.

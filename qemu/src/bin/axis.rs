@@ -20,14 +20,16 @@ fn run() -> Result<Digest, Failure> {
         if number == script::CAPTURE_TICK {
             axis.arm_capture(script::CAPTURE);
         }
-        let command = script::command(number)?;
-        regions::enter(Class::of(axis.drive(), &command));
-        let output = regions::on_servo(&mut axis, &tick.sample, command);
+        let was_on = axis.drive().state().has_torque();
+        let output = regions::on_servo(&mut axis, &tick.sample, script::command(number)?);
         digest.servo(&output);
-        regions::enter(if output.bridge.enabled { Class::On } else { Class::Off });
+        let mut is_on = output.bridge.enabled;
         for phases in tick.phases {
-            digest.period(regions::on_period(&mut axis, phases));
+            let bridge = regions::on_period(&mut axis, phases);
+            digest.period(bridge);
+            is_on = bridge.enabled;
         }
+        Class::of(was_on, &output.record, output.outcome, is_on).tell();
         Ok(())
     })
 }

@@ -44,8 +44,7 @@ fn run() -> Result<Digest, Failure> {
             capture.arm(script::CAPTURE);
         }
         let command = script::command(number)?;
-        regions::enter(Class::of(&drive, &command));
-
+        let was_on = drive.state().has_torque();
         if matches!(command, Some(Command::ResetFault)) {
             current.clear_trip();
         }
@@ -58,17 +57,18 @@ fn run() -> Result<Digest, Failure> {
             last_tick_cycles: tick.sample.last_tick_cycles,
         };
         let output = regions::servo_tick(&mut drive, &inputs, command);
-        let demand = output.demand;
         let k = drive.config().current;
-        let bridge = regions::current_loop(&mut current, &k, &demand, tick.sample.phases, 0);
+        let bridge = regions::current_loop(&mut current, &k, &output.demand, tick.sample.phases, 0);
         let sample = capture.step(&output.record);
         digest.servo(&ServoOutput { bridge, record: output.record, outcome: output.outcome, sample });
-
-        regions::enter(if bridge.enabled { Class::On } else { Class::Off });
+        let mut is_on = bridge.enabled;
         for (i, phases) in tick.phases.into_iter().enumerate() {
-            digest.period(regions::current_loop(&mut current, &k, &demand, phases, i as u32 + 1));
+            let bridge = regions::current_loop(&mut current, &k, &output.demand, phases, i as u32 + 1);
+            digest.period(bridge);
+            is_on = bridge.enabled;
         }
-        stages.follow(drive.config(), tick, &output.record, &demand);
+        stages.follow(drive.config(), tick, &output.record, &output.demand);
+        Class::of(was_on, &output.record, output.outcome, is_on).tell();
         Ok(())
     })
 }
