@@ -9,6 +9,7 @@
 //! and the q axis leads it by 90°: `i_q = −i_α sin θ + i_β cos θ`, amplitude-invariant.
 //!
 //! # Time
+//! [`Plant`] is everything; [`Carriage`] is its mechanical half, for who has a force instead of a bridge.
 //! [`Plant::advance`] takes any number of nanoseconds and divides it into equal internal steps of at most
 //! [`SUBSTEP_MAX_NS`].
 //!
@@ -17,6 +18,7 @@
 //! come from `libm` by name, and every random stream is a [`rand_pcg::Pcg64`] keyed by (seed, purpose, move).
 
 pub mod adc;
+pub mod carriage;
 pub mod encoder;
 pub mod friction;
 pub mod motor;
@@ -24,6 +26,7 @@ mod plant;
 pub mod random;
 pub mod stage;
 
+pub use carriage::Carriage;
 pub use motor::BridgeState;
 pub use plant::{Plant, SUBSTEP_MAX_NS};
 pub use stage::{Stage, StageError};

@@ -2,11 +2,11 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::friction::Friction;
+use crate::adc;
+use crate::carriage::{self, Carriage};
 use crate::motor::{BridgeState, Drive, Motor};
 use crate::random::{BEFORE_FIRST_MOVE, Noise, Purpose};
 use crate::stage::Stage;
-use crate::{adc, encoder};
 
 /// Longest internal step, ns: a quarter of a 40 kHz period.
 ///
@@ -16,16 +16,9 @@ pub const SUBSTEP_MAX_NS: u64 = 6_250;
 /// The simulated stage with its electronics. All of its state can be stored and continued with the same bits.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Plant {
-    stage: Stage,
-    seed: u64,
-    position_m: f64,
-    velocity_m_per_s: f64,
-    /// Displacement that the friction has not been told of: its force is taken in the middle of a step.
-    untold_m: f64,
+    carriage: Carriage,
     force_n: f64,
     motor: Motor,
-    friction: Friction,
-    encoder_noise: Noise,
     phase_noise: Noise,
     slow_noise: Noise,
 }
@@ -35,40 +28,19 @@ impl Plant {
     pub fn new(stage: &Stage, seed: u64) -> Plant {
         let noise = |purpose| Noise::new(seed, purpose, BEFORE_FIRST_MOVE);
         Plant {
-            stage: *stage,
-            seed,
-            position_m: 0.0,
-            velocity_m_per_s: 0.0,
-            untold_m: 0.0,
+            carriage: Carriage::new(stage, seed),
             force_n: 0.0,
             motor: Motor::new(stage),
-            friction: Friction::new(&stage.friction),
-            encoder_noise: noise(Purpose::Encoder),
             phase_noise: noise(Purpose::PhaseAdc),
             slow_noise: noise(Purpose::SlowAdc),
         }
     }
 
-    /// Begins a move: draws its σ and F_C, and restarts every noise, from (seed, `move_index`) and nothing else.
-    ///
-    /// Two configurations therefore meet the same friction and the same noise in the same move, in whatever order or
-    /// thread the moves are run. The friction force keeps its fraction of F_C. Without `friction.spread` in the stage file
-    /// σ and F_C stay nominal.
+    /// [`Carriage::redraw_friction`], and the noise of the converters restarted in the same way.
     pub fn redraw_friction(&mut self, move_index: u64) {
-        let noise = |purpose| Noise::new(self.seed, purpose, move_index);
-        let nominal = &self.stage.friction;
-        if let Some(spread) = &nominal.spread {
-            let mut draw = noise(Purpose::Friction);
-            let stiffness_n_per_m = nominal.stiffness_n_per_m + spread.stiffness_std_n_per_m * draw.normal();
-            let coulomb_n = nominal.coulomb_n + spread.coulomb_std_n * draw.normal();
-            self.friction.set(
-                stiffness_n_per_m.max(spread.stiffness_min_n_per_m).min(spread.stiffness_max_n_per_m),
-                coulomb_n.max(spread.coulomb_min_n).min(spread.coulomb_max_n),
-            );
-        }
-        self.encoder_noise = noise(Purpose::Encoder);
-        self.phase_noise = noise(Purpose::PhaseAdc);
-        self.slow_noise = noise(Purpose::SlowAdc);
+        self.carriage.redraw_friction(move_index);
+        let noise = |purpose| Noise::new(self.carriage.seed(), purpose, move_index);
+        (self.phase_noise, self.slow_noise) = (noise(Purpose::PhaseAdc), noise(Purpose::SlowAdc));
     }
 
     /// Advances the truth by `dt_ns` (0 is nothing) with a constant average bridge output.
@@ -79,7 +51,7 @@ impl Plant {
     fn advance_in_steps(&mut self, dt_ns: u64, bridge: &BridgeState, longest_ns: u64) {
         let steps = dt_ns.div_ceil(longest_ns);
         let dt_s = dt_ns as f64 * 1e-9 / steps as f64;
-        let step = Step::new(&self.stage, bridge, dt_s);
+        let step = Step::new(self.stage(), bridge, dt_s);
         for _ in 0..steps {
             self.step(&step);
         }
@@ -88,23 +60,10 @@ impl Plant {
     /// Drift, kick, drift: half a step of motion, all forces there, the other half with the new velocity.
     #[inline]
     fn step(&mut self, step: &Step) {
-        self.drift(step);
-        self.force_n = self.motor.step(&step.drive, self.position_m, self.velocity_m_per_s);
-        let friction_n = self.friction.advance(std::mem::take(&mut self.untold_m));
-        self.velocity_m_per_s = step.glide * self.velocity_m_per_s + step.m_per_n_s * (self.force_n - friction_n);
-        self.drift(step);
-    }
-
-    /// Moves for half a step with the present velocity; a hard stop takes the velocity away.
-    #[inline]
-    fn drift(&mut self, step: &Step) {
-        let mut moved_m = self.velocity_m_per_s * step.half_s;
-        if (self.position_m + moved_m).abs() > step.end_m {
-            moved_m = step.end_m.copysign(moved_m) - self.position_m;
-            self.velocity_m_per_s = 0.0;
-        }
-        self.position_m += moved_m;
-        self.untold_m += moved_m;
+        self.carriage.drift(&step.carriage);
+        self.force_n = self.motor.step(&step.drive, self.carriage.position_m(), self.carriage.velocity_m_per_s());
+        self.carriage.kick(&step.carriage, self.force_n);
+        self.carriage.drift(&step.carriage);
     }
 
     /// The pins of the phase A and B current channels, each with the noise of one conversion, as a fraction of full scale
@@ -114,8 +73,8 @@ impl Plant {
         [a, b].map(|current_a| {
             adc::bipolar(
                 current_a,
-                self.stage.amplifier.full_scale_a,
-                self.stage.adc.noise_lsb_rms,
+                self.stage().amplifier.full_scale_a,
+                self.stage().adc.noise_lsb_rms,
                 &mut self.phase_noise,
             )
         })
@@ -128,43 +87,41 @@ impl Plant {
 
     /// The pin of the bus-voltage channel with the noise of one conversion: 1.0 at `bus_full_scale_v`.
     pub fn bus_adc(&mut self) -> f64 {
-        let scale = &self.stage.adc;
-        adc::linear(self.stage.amplifier.bus_v, 0.0, scale.bus_full_scale_v, scale.noise_lsb_rms, &mut self.slow_noise)
+        let scale = &self.stage().adc;
+        adc::linear(self.stage().amplifier.bus_v, 0.0, scale.bus_full_scale_v, scale.noise_lsb_rms, &mut self.slow_noise)
     }
 
     /// The pin of the heat sink's temperature channel with the noise of one conversion: linear from `temperature_zero_c` at
     /// 0.0 to `temperature_full_scale_c` at 1.0.
     pub fn temperature_adc(&mut self) -> f64 {
-        let scale = &self.stage.adc;
+        let scale = &self.stage().adc;
         let (zero_c, full_scale_c) = (scale.temperature_zero_c, scale.temperature_full_scale_c);
-        adc::linear(self.stage.amplifier.temperature_c, zero_c, full_scale_c, scale.noise_lsb_rms, &mut self.slow_noise)
+        adc::linear(self.stage().amplifier.temperature_c, zero_c, full_scale_c, scale.noise_lsb_rms, &mut self.slow_noise)
     }
 
-    /// A BiSS-C frame of the position now, with the noise of one reading: 64 line bits, first bit in bit 63.
+    /// [`Carriage::encoder_frame`].
     pub fn encoder_frame(&mut self) -> u64 {
-        let scale = &self.stage.encoder;
-        let position_m = self.position_m + scale.noise_m_rms * self.encoder_noise.normal();
-        encoder::frame(encoder::counts(position_m, scale.count_m), false, false, scale.acknowledge_bits)
+        self.carriage.encoder_frame()
     }
 
     /// The stage file's values.
     pub fn stage(&self) -> &Stage {
-        &self.stage
+        self.carriage.stage()
     }
 
     /// True position, m, 0 in mid-travel.
     pub fn position_m(&self) -> f64 {
-        self.position_m
+        self.carriage.position_m()
     }
 
     /// True velocity, m/s.
     pub fn velocity_m_per_s(&self) -> f64 {
-        self.velocity_m_per_s
+        self.carriage.velocity_m_per_s()
     }
 
     /// Force of the rolling friction, N; positive opposes positive motion.
     pub fn friction_n(&self) -> f64 {
-        self.friction.force_n()
+        self.carriage.friction_n()
     }
 
     /// Force of the motor in the last internal step, N.
@@ -181,24 +138,12 @@ impl Plant {
 /// What is the same in every internal step of an interval.
 struct Step {
     drive: Drive,
-    half_s: f64,
-    /// Trapezoidal rule for `m dv/dt = F − d v`: `v ← glide · v + m_per_n_s · F`.
-    glide: f64,
-    m_per_n_s: f64,
-    end_m: f64,
+    carriage: carriage::Step,
 }
 
 impl Step {
     fn new(stage: &Stage, bridge: &BridgeState, dt_s: f64) -> Step {
-        let mechanics = &stage.mechanics;
-        let half_drag = 0.5 * dt_s * mechanics.viscous_n_s_per_m / mechanics.mass_kg;
-        Step {
-            drive: Drive::new(stage, bridge, dt_s),
-            half_s: 0.5 * dt_s,
-            glide: (1.0 - half_drag) / (1.0 + half_drag),
-            m_per_n_s: dt_s / mechanics.mass_kg / (1.0 + half_drag),
-            end_m: 0.5 * mechanics.travel_m,
-        }
+        Step { drive: Drive::new(stage, bridge, dt_s), carriage: carriage::Step::new(stage, dt_s) }
     }
 }
 
@@ -210,16 +155,16 @@ mod tests {
 
     /// A plant oscillating freely with a small amplitude; the mean time between two upward passages, s.
     fn free_period_s(plant: &mut Plant, amplitude_m: f64, periods: u32) -> f64 {
-        let stiffness_n_per_m = 2.0 * plant.stage.friction.stiffness_n_per_m;
-        plant.velocity_m_per_s = amplitude_m * libm::sqrt(stiffness_n_per_m / plant.stage.mechanics.mass_kg);
+        let stiffness_n_per_m = 2.0 * plant.stage().friction.stiffness_n_per_m;
+        plant.carriage.set_velocity(amplitude_m * libm::sqrt(stiffness_n_per_m / plant.stage().mechanics.mass_kg));
         let (mut passages_s, mut before_m) = (Vec::new(), 1.0);
         for step in 0.. {
             plant.advance(SUBSTEP_MAX_NS, &BridgeState::OFF);
-            if before_m < 0.0 && plant.position_m >= 0.0 {
-                let fraction = before_m / (before_m - plant.position_m);
+            if before_m < 0.0 && plant.position_m() >= 0.0 {
+                let fraction = before_m / (before_m - plant.position_m());
                 passages_s.push((f64::from(step) + fraction) * SUBSTEP_MAX_NS as f64 * 1e-9);
             }
-            before_m = plant.position_m;
+            before_m = plant.position_m();
             if passages_s.len() > periods as usize {
                 break;
             }
@@ -245,9 +190,9 @@ mod tests {
         stage.mechanics.viscous_n_s_per_m = 180.0;
         stage.friction.coulomb_n = 1e-6;
         let mut plant = Plant::new(&stage, 0);
-        plant.velocity_m_per_s = 0.5;
+        plant.carriage.set_velocity(0.5);
         plant.advance(10_000_000, &BridgeState::OFF); // the mass over the drag
-        assert!((plant.velocity_m_per_s / 0.5 - libm::exp(-1.0)).abs() < 1e-6);
+        assert!((plant.velocity_m_per_s() / 0.5 - libm::exp(-1.0)).abs() < 1e-6);
     }
 
     /// Position over time, one sample a tick of 125 µs, of a rough controller that steps the stage by `step_m`.
@@ -256,17 +201,17 @@ mod tests {
         let (mut plant, mut integral_n, mut before_m) = (Plant::new(stage, 0), 0.0, 0.0);
         (0..ticks)
             .map(|_| {
-                let error_m = step_m - plant.position_m;
+                let error_m = step_m - plant.position_m();
                 integral_n += k_i * error_m * 125e-6;
-                let wanted_n = k_p * error_m + integral_n - k_d * (plant.position_m - before_m) / 125e-6;
-                before_m = plant.position_m;
-                let angle = TAU * plant.position_m / 0.03;
+                let wanted_n = k_p * error_m + integral_n - k_d * (plant.position_m() - before_m) / 125e-6;
+                before_m = plant.position_m();
+                let angle = TAU * plant.position_m() / 0.03;
                 let shape = [0.0, TAU / 3.0, -TAU / 3.0].map(|phase| -libm::sin(angle - phase));
                 let q_a = plant.currents_a().iter().zip(shape).map(|(i, s)| i * s).sum::<f64>() / 1.5;
                 let q_v = 3.0 * wanted_n / 7.8 + 5.0 * (wanted_n / 7.8 - q_a);
                 let duty = shape.map(|part| 0.5 + q_v * part / 48.0);
                 plant.advance_in_steps(125_000, &BridgeState { duty, enabled: true, dead_time_s: 0.5e-6 }, longest_ns);
-                plant.position_m
+                plant.position_m()
             })
             .collect()
     }
