@@ -54,11 +54,14 @@ impl Access {
         }
     }
 
-    /// Installs `packages`; shows what `apt-get` prints.
+    /// Installs `packages` for the step named `step`; shows what `apt-get` prints.
     ///
     /// # Errors
     /// When it takes a person (no privilege, no `apt-get`) or fails; the message ends with the line to type.
-    pub fn install(self, packages: &[&str]) -> Result<()> {
+    pub fn install(self, step: &str, packages: &[&str]) -> Result<()> {
+        if matches!(self, Access::Root | Access::Sudo) {
+            eprintln!("setup: {step}: installing {}", packages.join(", "));
+        }
         let done = match self {
             Access::Root => apt_get(Command::new("apt-get"), packages),
             Access::Sudo => {
@@ -80,7 +83,10 @@ impl Access {
 fn apt_get(program: Command, packages: &[&str]) -> Result<()> {
     let command = |words: &[&str]| {
         let mut command = Command::new(program.get_program());
-        command.args(program.get_args()).args(["-q", "-o", "DPkg::Lock::Timeout=300"]).args(words);
+        command
+            .args(program.get_args())
+            .args(["-q", "-o", "DPkg::Lock::Timeout=300", "-o", "Dpkg::Use-Pty=0"])
+            .args(words);
         command.env("DEBIAN_FRONTEND", "noninteractive");
         command
     };
@@ -113,7 +119,7 @@ mod tests {
     #[test]
     fn without_privilege_nothing_is_run_and_the_message_ends_with_the_line() {
         for access in [Access::SudoPassword, Access::Su, Access::NoApt] {
-            let message = access.install(&["a"]).unwrap_err().to_string();
+            let message = access.install("step", &["a"]).unwrap_err().to_string();
             assert_eq!(message.lines().last(), Some(access.line(&["a"]).as_str()));
         }
     }

@@ -17,14 +17,14 @@ pub fn target_dir() -> Result<PathBuf> {
     std::path::absolute(directory).context("the target directory")
 }
 
-/// Builds one package of the embedded workspace, optimised, and returns the path of its ELF, which has the same name.
+/// Builds one program of the embedded workspace, optimised, and returns the path of its ELF.
 ///
 /// # Errors
 /// When the compiler fails.
-pub fn build(toolchain: &Toolchain, package: &str) -> Result<PathBuf> {
+pub fn build(toolchain: &Toolchain, package: &str, program: &str) -> Result<PathBuf> {
     let mut cargo = toolchain.cargo("build", &target_dir()?);
-    process::run(cargo.args(["--package", package]), &format!("building {package}"))?;
-    Ok(target_dir()?.join(TARGET).join("release").join(package))
+    process::run(cargo.args(["--package", package, "--bin", program]), &format!("building {program}"))?;
+    Ok(target_dir()?.join(TARGET).join("release").join(program))
 }
 
 impl Toolchain {

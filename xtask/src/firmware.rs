@@ -53,7 +53,7 @@ pub struct Usage {
 /// When set-up or compiler fail, or what they leave is no ELF for the STM32H743.
 pub fn build() -> Result<Firmware> {
     let toolchain = setup::firmware_toolchain()?;
-    inspect(&embedded::build(&toolchain, "servo-firmware")?)
+    inspect(&embedded::build(&toolchain, "servo-firmware", "servo-firmware")?)
 }
 
 /// Builds the firmware and runs it on the board that a debug probe finds, showing its log.

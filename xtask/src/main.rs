@@ -38,7 +38,11 @@ enum Word {
     /// Build the firmware and run it on the board that a debug probe finds
     Flash,
     /// Compare bits and instruction counts on a bare Cortex-M7
-    Qemu,
+    Qemu {
+        /// Take what was measured as what is agreed upon
+        #[arg(long)]
+        bless: bool,
+    },
     /// Measure: instructions of the control loops, speed of the virtual board
     Bench,
     /// Install what is missing: embedded toolchain, QEMU, C compiler (every other word does it by itself)
@@ -67,7 +71,8 @@ fn run(word: Word, directory: &Path) -> Result<()> {
         Word::Test(options) => test_suite::run(&options),
         Word::Firmware => firmware::build().map(|firmware| println!("{firmware}")),
         Word::Flash => firmware::flash(),
-        Word::Qemu => qemu::run(),
+        Word::Qemu { bless: false } => qemu::run(),
+        Word::Qemu { bless: true } => qemu::bless(),
         Word::Bench => bench::run(),
         Word::Setup { dry_run } => setup::all(dry_run),
     }

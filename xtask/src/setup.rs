@@ -53,8 +53,7 @@ pub fn firmware_toolchain() -> Result<Toolchain> {
                 facts = toolchain::Facts { target_add: Attempt::Closed, ..toolchain::find_facts()? };
             }
             Choice::Install(packages) => {
-                eprintln!("setup: firmware toolchain: installing {}", packages.join(", "));
-                Access::find().install(&packages)?;
+                Access::find().install("firmware toolchain", &packages)?;
                 let closed = Attempt::Closed;
                 facts = toolchain::Facts { target_add: closed, debian_install: closed, ..toolchain::find_facts()? };
             }
@@ -83,8 +82,7 @@ pub fn embedded_clippy() -> Result<Command> {
     if let Toolchain::Debian { rust, .. } = &toolchain
         && !rust.clippy().exists()
     {
-        eprintln!("setup: lints for the firmware: installing {DEBIAN_CLIPPY}");
-        Access::find().install(&[DEBIAN_CLIPPY])?;
+        Access::find().install("lints for the firmware", &[DEBIAN_CLIPPY])?;
     }
     Ok(toolchain.cargo("clippy", &embedded::target_dir()?))
 }
@@ -126,8 +124,7 @@ fn ensure(tool: &Tool) -> Result<()> {
     let name = tool.name;
     let missing = look(tool) == State::Missing;
     if missing {
-        eprintln!("setup: {name}: installing {}", tool.package);
-        Access::find().install(&[tool.package])?;
+        Access::find().install(name, &[tool.package])?;
     }
     match look(tool) {
         State::There(version) => {

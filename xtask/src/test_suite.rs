@@ -118,7 +118,7 @@ fn documentation() -> Result<()> {
     let mut host_docs = host::cargo_with_emulator("doc")?;
     process::run(host_docs.args(["--workspace", "--no-deps"]).env(DENY.0, DENY.1), "documentation")?;
     let mut embedded_docs = setup::firmware_toolchain()?.cargo("doc", &embedded::target_dir()?);
-    embedded_docs.args(["--workspace", "--no-deps"]).env(DENY.0, DENY.1);
+    embedded_docs.args(["--workspace", "--no-deps", "--document-private-items"]).env(DENY.0, DENY.1);
     process::run(&mut embedded_docs, "documentation, embedded")
 }
 
