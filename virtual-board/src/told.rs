@@ -60,21 +60,15 @@ struct Explained {
 const EXPLAINED: &[Explained] = &[
     Explained {
         kind: ToldKind::Told,
-        place: "ADC12_Common CCR",
-        contains: "ADCx_CCR may be written only while the converters are disabled",
-        why: "embassy's second Adc::new writes the common prescaler again, with the value it already has",
-    },
-    Explained {
-        kind: ToldKind::Told,
         place: "RCC BDCR",
         contains: "RTCSEL can be written only one time",
-        why: "embassy selects the RTC clock it has selected before; nothing here uses the RTC",
+        why: "embassy selects the LSI for the RTC and then, setting up all clock multiplexers, nothing: the first choice stands, and nothing here uses the RTC",
     },
     Explained {
         kind: ToldKind::Told,
         place: "RCC PLLCKSELR",
         contains: "this field cannot be changed while its PLL is enabled",
-        why: "embassy writes the divider of each PLL in turn and so repeats, unchanged, that of the one already running",
+        why: "embassy turns PLL2 and PLL3 off by writing the whole register; the divider and source of PLL1, which runs, are locked and stay",
     },
     Explained {
         kind: ToldKind::Undefined,

@@ -130,6 +130,15 @@ fn the_truth_can_be_traced_at_every_servo_tick() {
 }
 
 #[test]
+fn memory_can_be_read_by_symbol() {
+    let mut board = board();
+    assert_eq!(board.read_symbol_u32("_SEGGER_RTT").unwrap().to_le_bytes(), *b"SEGG");
+    let error = board.read_symbol_u32("no_such_symbol").unwrap_err().to_string();
+    assert!(error.contains("no_such_symbol"), "{error}");
+    assert!(board.read_memory(0x3000_0000_0000, 1).is_err());
+}
+
+#[test]
 fn a_missing_or_useless_firmware_is_named() {
     let missing = Elf::read(Path::new("no-such-firmware.elf")).unwrap_err().to_string();
     assert!(missing.contains("no-such-firmware.elf") && missing.contains("cargo xtask firmware"), "{missing}");
