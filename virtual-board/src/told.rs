@@ -62,19 +62,19 @@ const EXPLAINED: &[Explained] = &[
         kind: ToldKind::Told,
         place: "RCC BDCR",
         contains: "RTCSEL can be written only one time",
-        why: "embassy selects the LSI for the RTC and then, setting up all clock multiplexers, nothing: the first choice stands, and nothing here uses the RTC",
+        why: "embassy chooses the LSI for the RTC and later none: the first choice stands, and nothing uses the RTC",
     },
     Explained {
         kind: ToldKind::Told,
         place: "RCC PLLCKSELR",
         contains: "this field cannot be changed while its PLL is enabled",
-        why: "embassy turns PLL2 and PLL3 off by writing the whole register; the divider and source of PLL1, which runs, are locked and stay",
+        why: "embassy turns PLL2 and PLL3 off by writing the whole register; the fields of running PLL1 are locked",
     },
     Explained {
         kind: ToldKind::Undefined,
         place: "SYSCFG 0x58000418",
         contains: "0 reads",
-        why: "SYSCFG_CFGR (RM0433 section 12.3.6), missing in the vendor's register file: routes a locked-up core to TIM1's break",
+        why: "SYSCFG_CFGR (RM0433 12.3.6) is missing in the vendor's file: a locked-up core shall trip TIM1's break",
     },
 ];
 
