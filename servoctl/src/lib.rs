@@ -1,13 +1,17 @@
-//! The host tool's library: what a settling experiment says, and how it is shown.
+//! The host tool's library: what a settling experiment says, what theory says, and how both are shown.
 //!
 //! - [`settling`]: types and statistics of settling experiments, and their JSON
 //! - [`table`]: tables, and the settling table, for terminals and pages
 //! - [`plot`]: line, dot and error-bar plots as small inline SVG
 //! - [`report`]: one self-contained HTML page out of text, plots and tables
 //! - [`demo_report`]: the page that `cargo xtask demo` writes
+//! - [`theory`]: chapter 7 of the thesis as functions: settling without and with mass
+//! - [`cli`]: the command line, a module per sub-command
 
+pub mod cli;
 pub mod demo_report;
 pub mod plot;
 pub mod report;
 pub mod settling;
 pub mod table;
+pub mod theory;

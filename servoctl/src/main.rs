@@ -1,12 +1,5 @@
-//! The host tool. It has no commands yet beyond `--help` and `--version`.
+//! The host tool: see [`servoctl::cli`].
 
-use clap::Parser;
-
-/// Talks to a servo drive, runs its experiments and reports them.
-#[derive(Parser)]
-#[command(name = "servoctl", version)]
-struct Arguments {}
-
-fn main() {
-    Arguments::parse();
+fn main() -> std::process::ExitCode {
+    servoctl::cli::main()
 }
