@@ -19,6 +19,8 @@ pub struct Carriage {
     velocity_m_per_s: f64,
     /// Displacement that the friction has not been told of: its force is taken in the middle of a step.
     untold_m: f64,
+    /// The time it took.
+    untold_s: f64,
     friction: Friction,
     encoder_noise: Noise,
 }
@@ -32,6 +34,7 @@ impl Carriage {
             position_m: 0.0,
             velocity_m_per_s: 0.0,
             untold_m: 0.0,
+            untold_s: 0.0,
             friction: Friction::new(&stage.friction),
             encoder_noise: Noise::new(seed, Purpose::Encoder, BEFORE_FIRST_MOVE),
         }
@@ -82,13 +85,16 @@ impl Carriage {
         }
         self.position_m += moved_m;
         self.untold_m += moved_m;
+        self.untold_s += step.half_s;
     }
 
     /// Changes the velocity by a whole step of `force_n` and of the friction where the carriage is now: between two
     /// [`Carriage::drift`]s, a step of second order.
     #[inline]
     pub fn kick(&mut self, step: &Step, force_n: f64) {
-        let friction_n = self.friction.advance(std::mem::take(&mut self.untold_m));
+        let (dx_m, dt_s) = (std::mem::take(&mut self.untold_m), std::mem::take(&mut self.untold_s));
+        let stopping_n = force_n + step.n_s_per_m * self.velocity_m_per_s;
+        let friction_n = self.friction.resist(dx_m, dt_s, stopping_n);
         self.velocity_m_per_s = step.glide * self.velocity_m_per_s + step.m_per_n_s * (force_n - friction_n);
     }
 
@@ -140,6 +146,8 @@ pub struct Step {
     /// Trapezoidal rule for `m dv/dt = F − d v`: `v ← glide · v + m_per_n_s · F`.
     glide: f64,
     m_per_n_s: f64,
+    /// `glide / m_per_n_s`: the force that takes a velocity away in one step.
+    n_s_per_m: f64,
     end_m: f64,
 }
 
@@ -152,6 +160,7 @@ impl Step {
             half_s: 0.5 * dt_s,
             glide: (1.0 - half_drag) / (1.0 + half_drag),
             m_per_n_s: dt_s / mechanics.mass_kg / (1.0 + half_drag),
+            n_s_per_m: (1.0 - half_drag) * mechanics.mass_kg / dt_s,
             end_m: 0.5 * mechanics.travel_m,
         }
     }

@@ -31,13 +31,23 @@ impl Friction {
         }
     }
 
-    /// Moves the contact by `dx_m` and returns the force that opposes positive motion, N, within ±F_C.
+    /// Moves the contact by `dx_m` in `dt_s`, at constant velocity, and returns the force that opposes positive motion, N.
+    ///
+    /// A `dt_s` of 0 leaves away what depends on the rate; in these two models nothing does.
     #[inline]
-    pub fn advance(&mut self, dx_m: f64) -> f64 {
+    pub fn advance(&mut self, dx_m: f64, _dt_s: f64) -> f64 {
         match self {
             Friction::MaxwellSlip(model) => model.advance(dx_m),
             Friction::Dahl(model) => model.advance(dx_m),
         }
+    }
+
+    /// [`Friction::advance`] for a mass that a force of `stopping_n` would bring to rest by the end of the step.
+    ///
+    /// A model without a spring needs to know: up to its level it stops the mass and holds it. The others do not.
+    #[inline]
+    pub fn resist(&mut self, dx_m: f64, dt_s: f64, _stopping_n: f64) -> f64 {
+        self.advance(dx_m, dt_s)
     }
 
     /// The force that opposes positive motion, N.
@@ -87,7 +97,7 @@ mod tests {
         (0..nanometres.abs())
             .map(|_| {
                 let before_n = friction.force_n();
-                0.5 * (before_n + friction.advance(dx_m)) * dx_m
+                0.5 * (before_n + friction.advance(dx_m, 1e-6)) * dx_m
             })
             .sum()
     }
@@ -119,13 +129,13 @@ mod tests {
         fn the_force_stays_within_coulomb(steps_m in prop::collection::vec(-1e-6..1e-6, 1..50), redrawn in (1e6..2e7, 0.1..2.0)) {
             for mut friction in both() {
                 for dx_m in &steps_m {
-                    prop_assert!(friction.advance(*dx_m).abs() <= COULOMB_N * (1.0 + 1e-14));
+                    prop_assert!(friction.advance(*dx_m, 1e-6).abs() <= COULOMB_N * (1.0 + 1e-14));
                 }
                 let before_n = friction.force_n();
                 friction.set(redrawn.0, redrawn.1);
                 prop_assert!((friction.force_n() / redrawn.1 - before_n / COULOMB_N).abs() < 1e-12);
                 for dx_m in &steps_m {
-                    prop_assert!(friction.advance(*dx_m).abs() <= redrawn.1 * (1.0 + 1e-14));
+                    prop_assert!(friction.advance(*dx_m, 1e-6).abs() <= redrawn.1 * (1.0 + 1e-14));
                 }
             }
         }
@@ -134,8 +144,8 @@ mod tests {
     #[test]
     fn no_motion_changes_no_force() {
         for mut friction in both() {
-            let force_n = friction.advance(7e-9);
-            assert_eq!(friction.advance(0.0), force_n);
+            let force_n = friction.advance(7e-9, 1e-6);
+            assert_eq!(friction.advance(0.0, 1e-6), force_n);
             assert_eq!(friction.force_n(), force_n);
         }
     }
@@ -143,9 +153,9 @@ mod tests {
     #[test]
     fn both_models_start_with_twice_sigma_after_a_saturated_reversal_and_with_their_own_virgin_stiffness() {
         for (mut friction, virgin) in both().into_iter().zip([2.0, 1.0]) {
-            assert!((friction.advance(1e-12) / (virgin * STIFFNESS_N_PER_M * 1e-12) - 1.0).abs() < 1e-4);
-            friction.advance(1e-3);
-            let drop_n = friction.force_n() - friction.advance(-1e-12);
+            assert!((friction.advance(1e-12, 1e-6) / (virgin * STIFFNESS_N_PER_M * 1e-12) - 1.0).abs() < 1e-4);
+            friction.advance(1e-3, 1e-6);
+            let drop_n = friction.force_n() - friction.advance(-1e-12, 1e-6);
             assert!((drop_n / (2.0 * STIFFNESS_N_PER_M * 1e-12) - 1.0).abs() < 1e-4);
         }
     }
@@ -154,10 +164,10 @@ mod tests {
     fn nanometre_jitter_wears_out_dahl_but_not_maxwell_slip() {
         let [mut slip, mut dahl] = both();
         for (friction, kept) in [(&mut slip, 1.0..=1.0), (&mut dahl, 0.0..=0.5)] {
-            let start_n = friction.advance(100e-9);
+            let start_n = friction.advance(100e-9, 1e-6);
             for _ in 0..1_000 {
-                friction.advance(-0.5e-9);
-                friction.advance(0.5e-9);
+                friction.advance(-0.5e-9, 1e-6);
+                friction.advance(0.5e-9, 1e-6);
             }
             let ratio = friction.force_n() / start_n;
             assert!(kept.contains(&((ratio * 1e9).round() * 1e-9)), "{ratio}");
