@@ -185,6 +185,17 @@ pub fn host_version() -> Result<Version> {
 }
 
 impl Toolchain {
+    /// Release of its compiler.
+    ///
+    /// # Errors
+    /// When the active compiler cannot be asked.
+    pub fn version(&self) -> Result<Version> {
+        match self {
+            Toolchain::Native => host_version(),
+            Toolchain::Debian { rust, .. } => Ok(rust.version),
+        }
+    }
+
     /// One line that says which compiler and linker it is.
     pub fn describe(&self) -> String {
         match self {
