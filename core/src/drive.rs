@@ -185,6 +185,10 @@ impl Drive {
         if self.fault.is_none() || reset {
             self.fault = fault;
         }
+        let outcome = match fault {
+            Some(fault) if reset => Some(Err(Refusal::FaultPersists(fault))),
+            _ => outcome,
+        };
         if fault.is_some() {
             self.enable = false;
         }
@@ -295,7 +299,7 @@ impl Drive {
         self.electrical_at = position;
         let mut angle_ct = i64::from(self.electrical_ct).wrapping_add(moved);
         if angle_ct < -i64::from(turn_ct) || angle_ct >= 2 * i64::from(turn_ct) {
-            angle_ct = angle_ct.rem_euclid(i64::from(turn_ct));
+            angle_ct = angle_ct.checked_rem_euclid(i64::from(turn_ct)).unwrap_or(0);
         } else if angle_ct < 0 {
             angle_ct += i64::from(turn_ct);
         } else if angle_ct >= i64::from(turn_ct) {
@@ -387,16 +391,15 @@ impl Drive {
             return Err(Refusal::Moving);
         }
         let k = &self.config;
-        // Metres for a person: to the picometre, so that a limit is shown as it was set.
-        let in_m = |position: Position| libm::round(position.0 as f64 * k.count_m * 1e12) / 1e12;
-        Refusal::check(Field::Target, in_m(target), in_m(k.travel_min), in_m(k.travel_max))?;
+        if target < k.travel_min || target > k.travel_max {
+            // Metres for a person: to the picometre, so that a limit is shown as it was set.
+            let in_m = |position: Position| libm::round(position.0 as f64 * k.count_m * 1e12) / 1e12;
+            let (value, min, max) = (in_m(target), in_m(k.travel_min), in_m(k.travel_max));
+            return Err(Refusal::OutOfRange { field: Field::Target, value, min, max });
+        }
         Refusal::check(Field::Velocity, f64::from(limits.velocity_m_per_s), 1e-9, f64::from(k.velocity_max_m_per_s))?;
-        Refusal::check(
-            Field::Acceleration,
-            f64::from(limits.acceleration_m_per_s2),
-            1e-9,
-            f64::from(k.acceleration_max_m_per_s2),
-        )?;
+        let acceleration = f64::from(limits.acceleration_m_per_s2);
+        Refusal::check(Field::Acceleration, acceleration, 1e-9, f64::from(k.acceleration_max_m_per_s2))?;
         self.profile = Profile::between(self.reference.position, target, limits, k.count_m);
         // What the last move's settling took becomes the linear integrator's, or the two would drift apart move by move.
         self.merge_integrals();

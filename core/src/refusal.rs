@@ -1,5 +1,6 @@
 //! Why the drive did not do what it was told: always with the name, the value and what would have been allowed.
 
+use crate::fault::Fault;
 use crate::parameters::Parameter;
 use crate::state::State;
 
@@ -77,6 +78,8 @@ pub enum Refusal {
     NoPosition,
     /// The drive has a command in hand; send again.
     Busy,
+    /// A fault was acknowledged while its cause is still there.
+    FaultPersists(Fault),
 }
 
 impl Refusal {
@@ -98,6 +101,7 @@ impl core::fmt::Display for Refusal {
             Refusal::WrongState(state) => write!(f, "not possible in state {state}"),
             Refusal::Moving => f.write_str("a motion is running: stop it or wait for its end"),
             Refusal::NoPosition => f.write_str("the encoder gives no valid position"),
+            Refusal::FaultPersists(fault) => write!(f, "the cause is still there: {}", fault.explanation()),
             Refusal::Busy => f.write_str("the drive has not yet taken the last command: send this one again"),
         }
     }

@@ -64,7 +64,8 @@ fn a_reset_while_the_cause_lasts_does_not_leave_fault() {
     let mut bench = moving_bench(300);
     until_off(&mut bench, |s| s.bridge_fault = true);
     for _ in 0..5 {
-        bench.tick_with(Some(Command::ResetFault), |s| s.bridge_fault = true);
+        let answer = bench.tick_with(Some(Command::ResetFault), |s| s.bridge_fault = true).outcome;
+        assert_eq!(answer, Some(Err(Refusal::FaultPersists(Fault::BridgeFault))));
     }
     assert_eq!(bench.axis.drive().state(), State::Fault);
     assert_eq!(bench.axis.drive().fault(), Some(Fault::BridgeFault));
