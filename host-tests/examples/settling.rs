@@ -15,14 +15,9 @@ fn main() {
         let made = experiment::run(&stage, &settings, compensator, &experiment::FIVE_MM_SLOW, moves, 1)
             .expect("moves in range");
         println!("{compensator:?}: settling, ms, at ±{TOLERANCES_NM:?} nm");
-        for i in 0..6 {
+        for (i, tolerance_nm) in TOLERANCES_NM.into_iter().enumerate() {
             let ms: Vec<f64> = made.iter().filter_map(|m| m.settling.settled_after_s(i)).map(|s| s * 1e3).collect();
-            println!(
-                "  ±{} nm: mean {:.2} ms of {}",
-                TOLERANCES_NM[i],
-                ms.iter().sum::<f64>() / ms.len() as f64,
-                ms.len()
-            );
+            println!("  ±{} nm: mean {:.2} ms of {}", tolerance_nm, ms.iter().sum::<f64>() / ms.len() as f64, ms.len());
         }
         for m in made.iter().take(5) {
             let noise = m.settling.noise_ct2.map(|ct2| f64::from(ct2).sqrt() * settings.encoder_count_m * 1e9);

@@ -14,7 +14,7 @@ use servo_sim::{BridgeState, Plant, Stage};
 const PERIOD_NS: u64 = 1_000_000_000 / PWM_HZ as u64;
 
 /// CPU cycles that the bench reports for each tick: about what the emulated board measures, far below the limit.
-const TICK_CYCLES: u32 = 4_000;
+pub(crate) const TICK_CYCLES: u32 = 4_000;
 
 /// The drive on the simulated stage.
 #[derive(Clone, Debug)]

@@ -87,16 +87,16 @@ impl Plant {
 
     /// The pin of the bus-voltage channel with the noise of one conversion: 1.0 at `bus_full_scale_v`.
     pub fn bus_adc(&mut self) -> f64 {
-        let scale = &self.stage().adc;
-        adc::linear(self.stage().amplifier.bus_v, 0.0, scale.bus_full_scale_v, scale.noise_lsb_rms, &mut self.slow_noise)
+        let (scale, bus_v) = (self.stage().adc, self.stage().amplifier.bus_v);
+        adc::linear(bus_v, 0.0, scale.bus_full_scale_v, scale.noise_lsb_rms, &mut self.slow_noise)
     }
 
     /// The pin of the heat sink's temperature channel with the noise of one conversion: linear from `temperature_zero_c` at
     /// 0.0 to `temperature_full_scale_c` at 1.0.
     pub fn temperature_adc(&mut self) -> f64 {
-        let scale = &self.stage().adc;
+        let (scale, temperature_c) = (self.stage().adc, self.stage().amplifier.temperature_c);
         let (zero_c, full_scale_c) = (scale.temperature_zero_c, scale.temperature_full_scale_c);
-        adc::linear(self.stage().amplifier.temperature_c, zero_c, full_scale_c, scale.noise_lsb_rms, &mut self.slow_noise)
+        adc::linear(temperature_c, zero_c, full_scale_c, scale.noise_lsb_rms, &mut self.slow_noise)
     }
 
     /// [`Carriage::encoder_frame`].
