@@ -12,7 +12,7 @@ use servo_core::refusal::Refusal;
 /// Servo ticks of the run.
 pub const TICKS: u32 = 5_000;
 
-/// In this tick, before its command, the [`capture`] is ordered.
+/// In this tick, before its command, [`CAPTURE`] is ordered.
 pub const CAPTURE_TICK: u32 = 99;
 
 /// The captured samples: from the end of the first profile on.
