@@ -4,7 +4,7 @@
 //! (`k_p = L·ω_c`, `k_i = R·ω_c`), voltages become duties by the measured bus voltage, and min-max injection (the centred
 //! space-vector modulation) uses the whole hexagon.
 
-use crate::math::sin_cos_turns;
+use crate::math::{limit, sin_cos_turns};
 use crate::{PWM_DT_S, PWM_TOP};
 
 /// Duty is kept this far from 0 and 1, so that low-side shunts can be sampled and bootstraps recharged.
@@ -151,11 +151,13 @@ impl CurrentLoop {
         let q_v = k.proportional_v_per_a * q_error + self.q_integral_v + q_increment_v;
 
         let (mut a, mut b, mut c) = phases_of(cos * d_v - sin * q_v, sin * d_v + cos * q_v);
-        let span = (a.max(b).max(c) - a.min(b).min(c)) * demand.per_bus_v;
+        let (high, low) = (a.max(b).max(c), a.min(b).min(c));
+        let mut centre = (high + low) * 0.5;
+        let span = (high - low) * demand.per_bus_v;
         let saturated = span > 1.0 - 2.0 * DUTY_MARGIN;
         if saturated {
             let scale = (1.0 - 2.0 * DUTY_MARGIN) / span;
-            (a, b, c) = (a * scale, b * scale, c * scale);
+            (a, b, c, centre) = (a * scale, b * scale, c * scale, centre * scale);
         }
         // Anti-windup: at the limit an integrator may only turn back.
         if !saturated || d_increment_v * d_v < 0.0 {
@@ -164,14 +166,12 @@ impl CurrentLoop {
         if !saturated || q_increment_v * q_v < 0.0 {
             self.q_integral_v += q_increment_v;
         }
-        let centre = (a.max(b).max(c) + a.min(b).min(c)) * 0.5;
-
         // The set-points' signs, not the measured currents': a compensation that follows the measurement is positive feedback.
         let (ra, rb, rc) = phases_of(-sin * demand.iq_a, cos * demand.iq_a);
         let compare = |v: f32, reference_a: f32| {
-            let dead_time = k.dead_time_duty * (reference_a * k.dead_time_per_a).clamp(-1.0, 1.0);
+            let dead_time = k.dead_time_duty * limit(reference_a * k.dead_time_per_a, -1.0, 1.0);
             let duty = 0.5 + (v - centre) * demand.per_bus_v + dead_time;
-            (duty.clamp(DUTY_MARGIN, 1.0 - DUTY_MARGIN) * f32::from(PWM_TOP) + 0.5) as u16
+            (limit(duty, DUTY_MARGIN, 1.0 - DUTY_MARGIN) * f32::from(PWM_TOP) + 0.5) as u32 as u16
         };
         Bridge { compare: [compare(a, ra), compare(b, rb), compare(c, rc)], enabled: true }
     }
