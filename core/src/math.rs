@@ -30,7 +30,6 @@ pub fn sin_cos_turns(turns: f32) -> (f32, f32) {
 /// Two instructions on the target where `f32::clamp`, which keeps a NaN, takes six. For values that cannot be NaN, or where
 /// `low` is the safe answer.
 #[inline]
-#[expect(clippy::manual_clamp, reason = "that is the point")]
 pub fn limit(value: f32, low: f32, high: f32) -> f32 {
     value.max(low).min(high)
 }
