@@ -23,13 +23,16 @@ pub struct Options {
     /// Write the results as JSON (`-` for standard output)
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
+    /// Where the report goes [default: out/report.html]
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
 }
 
 impl Options {
     /// File names as seen from `directory`, where the person is, which may not be the workspace.
     pub fn seen_from(mut self, directory: &Path) -> Options {
         let stdout = Path::new("-");
-        for path in [&mut self.stage, &mut self.json].into_iter().flatten() {
+        for path in [&mut self.stage, &mut self.json, &mut self.report].into_iter().flatten() {
             if path.as_path() != stdout && !std::env::current_dir().is_ok_and(|here| here == directory) {
                 *path = directory.join(&path);
             }
@@ -44,6 +47,7 @@ impl Options {
             ("--stage", self.stage.as_ref().map(text)),
             ("--seed", self.seed.map(|seed| seed.to_string())),
             ("--json", self.json.as_ref().map(text)),
+            ("--report", self.report.as_ref().map(text)),
         ];
         options.into_iter().filter_map(|(name, value)| Some([name.to_string(), value?])).flatten().collect()
     }
@@ -62,12 +66,13 @@ pub fn run(options: &Options) -> Result<()> {
 ///
 /// # Errors
 /// When the demonstration fails or its JSON shows a wrong ELF, a missing move, an overrun, or a move that the
-/// compensator did not settle.
+/// compensator did not settle, or noise in position beyond [`MOST_NOISE_NM`].
 pub fn smoke_test(firmware: &Firmware) -> Result<()> {
     const MOVES: u32 = 2;
     let json = PathBuf::from("out/smoke.json");
     std::fs::create_dir_all("out").context("creating out/")?;
-    run_on(firmware, &Options { moves: Some(MOVES), json: Some(json.clone()), ..Options::default() })?;
+    let report = Some(PathBuf::from("out/smoke.html"));
+    run_on(firmware, &Options { moves: Some(MOVES), json: Some(json.clone()), report, ..Options::default() })?;
     let text = std::fs::read_to_string(&json).with_context(|| format!("reading {}", json.display()))?;
     let results = serde_json::from_str(&text).with_context(|| format!("{} is not JSON", json.display()))?;
     let wrong = complaints(&results, &firmware.sha256, MOVES);
@@ -82,6 +87,9 @@ fn run_on(firmware: &Firmware, options: &Options) -> Result<()> {
     let mut demo = host::virtual_board("demo", &firmware.elf)?;
     process::run(demo.args(options.arguments()), "the demonstration")
 }
+
+/// Largest rms error in position, with and without the compensator.
+const MOST_NOISE_NM: f64 = 1.0;
 
 /// What is wrong with the demonstration's results, one line each.
 fn complaints(results: &Value, elf_sha256: &str, moves: u32) -> Vec<String> {
@@ -100,6 +108,12 @@ fn complaints(results: &Value, elf_sha256: &str, moves: u32) -> Vec<String> {
     expect("/configs/0/name", "pid".into());
     expect("/configs/1/name", "pid+niasa".into());
     expect("/configs/1/unsettled/0", 0.into());
+    for field in ["/configs/0/in_position_rms_nm", "/configs/1/in_position_rms_nm"] {
+        let found = results.pointer(field).unwrap_or(&Value::Null);
+        if !found.as_f64().is_some_and(|noise_nm| noise_nm <= MOST_NOISE_NM) {
+            wrong.push(format!("{field} is {found}, expected at most {MOST_NOISE_NM}"));
+        }
+    }
     wrong
 }
 
@@ -111,7 +125,10 @@ mod tests {
     fn good() -> Value {
         json!({
             "elf_sha256": "ab12", "moves": 2, "tolerances_nm": [3, 5],
-            "configs": [{"name": "pid", "unsettled": [2, 1]}, {"name": "pid+niasa", "unsettled": [0, 0]}],
+            "configs": [
+                {"name": "pid", "unsettled": [2, 1], "in_position_rms_nm": 0.7},
+                {"name": "pid+niasa", "unsettled": [0, 0], "in_position_rms_nm": 1.0},
+            ],
             "servo_tick": {"rate_hz": 8000, "count": 9, "overruns": 0}, "told": [],
         })
     }
@@ -128,6 +145,8 @@ mod tests {
             ("/moves", json!(1), "/moves is 1, expected 2"),
             ("/servo_tick/overruns", json!(3), "/servo_tick/overruns is 3, expected 0"),
             ("/configs/1/unsettled/0", json!(1), "/configs/1/unsettled/0 is 1, expected 0"),
+            ("/configs/1/in_position_rms_nm", json!(1.1), "/configs/1/in_position_rms_nm is 1.1, expected at most 1"),
+            ("/configs/0/in_position_rms_nm", json!(null), "/configs/0/in_position_rms_nm is null, expected at most 1"),
             ("/configs", json!([]), r#"/configs/0/name is null, expected "pid""#),
         ];
         for (field, value, complaint) in cases {
