@@ -297,16 +297,22 @@ impl Drive {
         let turn_ct = self.config.turn_ct;
         let moved = position.0.wrapping_sub(self.electrical_at.0);
         self.electrical_at = position;
-        let mut angle_ct = i64::from(self.electrical_ct).wrapping_add(moved);
-        if angle_ct < -i64::from(turn_ct) || angle_ct >= 2 * i64::from(turn_ct) {
-            angle_ct = angle_ct.checked_rem_euclid(i64::from(turn_ct)).unwrap_or(0);
-        } else if angle_ct < 0 {
-            angle_ct += i64::from(turn_ct);
-        } else if angle_ct >= i64::from(turn_ct) {
-            angle_ct -= i64::from(turn_ct);
-        }
-        self.electrical_ct = angle_ct as i32;
-        saturate(moved)
+        let moved_ct = saturate(moved);
+        // A turn has at most 1e9 counts, so that these sums stay within 32 bits.
+        self.electrical_ct = if moved_ct > turn_ct || moved_ct < -turn_ct {
+            let angle_ct = i64::from(self.electrical_ct).wrapping_add(moved);
+            angle_ct.checked_rem_euclid(i64::from(turn_ct)).unwrap_or(0) as i32
+        } else {
+            let angle_ct = self.electrical_ct + moved_ct;
+            if angle_ct < 0 {
+                angle_ct + turn_ct
+            } else if angle_ct >= turn_ct {
+                angle_ct - turn_ct
+            } else {
+                angle_ct
+            }
+        };
+        moved_ct
     }
 
     #[inline]

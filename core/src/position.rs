@@ -26,12 +26,14 @@ impl Position {
 /// `value`, or the nearest `i32`.
 #[inline]
 pub const fn saturate(value: i64) -> i32 {
-    if value > i32::MAX as i64 {
-        i32::MAX
-    } else if value < i32::MIN as i64 {
+    let low = value as i32;
+    // One comparison where all is well: this is in every difference of positions.
+    if low as i64 == value {
+        low
+    } else if value < 0 {
         i32::MIN
     } else {
-        value as i32
+        i32::MAX
     }
 }
 

@@ -55,7 +55,7 @@ pub struct Board {
 pub fn init() -> Board {
     let reset_cause = reset::take_cause();
     let last_words = last_words::take();
-    memory::guard_stack();
+    memory::protect();
     let p = embassy_stm32::init(clocks::config());
     let core_hz = embassy_stm32::rcc::clocks(&p.RCC).sys.to_hertz().map_or(0, |hertz| hertz.0);
     clocks::enable_caches_and_cycle_counter();

@@ -8,22 +8,49 @@ pub const PARAMETER_SECTOR_BYTES: u32 = 128 * 1024;
 /// them does not stall code, which runs from bank 1.
 pub const PARAMETER_SECTORS: [u32; 2] = [0x1C_0000, 0x1E_0000];
 
-/// Takes all access to the 512 bytes below the stack: running over its end is a fault at once, and not at the next address
-/// that no memory answers.
-pub(crate) fn guard_stack() {
-    const GUARD_START: u32 = 0x2000_0000;
+/// What may be done with a region of memory.
+#[derive(Clone, Copy)]
+enum Access {
+    ReadAndExecute,
+    ReadAndWrite,
+    None,
+}
+
+/// Regions of the memory protection unit: start, log₂ of the size in bytes, access. A later one has priority. Elsewhere, flash
+/// bank 2 with the parameters among it, the default map stays.
+const REGIONS: [(u32, u32, Access); 5] = [
+    (0x0000_0000, 16, Access::ReadAndExecute), // ITCM: hot code
+    (0x0800_0000, 20, Access::ReadAndExecute), // flash bank 1: program
+    (0x2000_0000, 17, Access::ReadAndWrite),   // DTCM: stack and data
+    (0x2400_0000, 19, Access::ReadAndWrite),   // AXI SRAM: captures
+    (0x2000_0000, 9, Access::None),            // guard below the stack: an overflow is a fault at once
+];
+
+/// Makes code read-only, data not executable, and the bytes below the stack untouchable.
+pub(crate) fn protect() {
     const REGION_VALID: u32 = 1 << 4;
     const NO_EXECUTE: u32 = 1 << 28;
-    const SIZE_512: u32 = 8 << 1;
+    const READ_WRITE: u32 = 0b011 << 24;
+    const READ_ONLY: u32 = 0b110 << 24;
+    /// Normal memory, write-back, allocating: TEX 1, C, B.
+    const NORMAL: u32 = 0b001 << 19 | 1 << 17 | 1 << 16;
     const ENABLE: u32 = 1;
     const DEFAULT_MAP_ELSEWHERE: u32 = 1 << 2;
-    // SAFETY: called once from `init`; nothing else uses the unit, and no access is taken away but to the guard.
-    unsafe {
-        let mpu = &*cortex_m::peripheral::MPU::PTR;
-        mpu.rbar.write(GUARD_START | REGION_VALID);
-        mpu.rasr.write(NO_EXECUTE | SIZE_512 | ENABLE);
-        mpu.ctrl.write(DEFAULT_MAP_ELSEWHERE | ENABLE);
+    for (number, (start, size_log2, access)) in (0..).zip(REGIONS) {
+        let attributes = match access {
+            Access::ReadAndExecute => READ_ONLY,
+            Access::ReadAndWrite => READ_WRITE | NO_EXECUTE,
+            Access::None => NO_EXECUTE,
+        };
+        // SAFETY: called once from `init`; nothing else uses the unit, and the program needs no other access than it is given.
+        unsafe {
+            let mpu = &*cortex_m::peripheral::MPU::PTR;
+            mpu.rbar.write(start | REGION_VALID | number);
+            mpu.rasr.write(attributes | NORMAL | (size_log2 - 1) << 1 | ENABLE);
+        }
     }
+    // SAFETY: as above.
+    unsafe { (*cortex_m::peripheral::MPU::PTR).ctrl.write(DEFAULT_MAP_ELSEWHERE | ENABLE) };
     cortex_m::asm::dsb();
     cortex_m::asm::isb();
 }

@@ -49,9 +49,10 @@ pub enum FrameError {
 /// [`FrameError::Missing`] if acknowledge and start bit are not found in time, [`FrameError::Crc`] if the checksum fails.
 #[inline]
 pub fn decode(line: u64) -> Result<Reading, FrameError> {
-    let idle = line.leading_ones();
-    let rest = line.checked_shl(idle).unwrap_or(0);
-    let acknowledge = rest.leading_zeros();
+    // Whatever comes before the data must be in the first half, or there is no room for them.
+    let first = (line >> 32) as u32;
+    let idle = first.leading_ones();
+    let acknowledge = first.checked_shl(idle).map_or(0, u32::leading_zeros);
     // Bits in front of and including the start bit.
     let head = idle + acknowledge + 1;
     if idle == 0 || head + PAYLOAD_BITS > u64::BITS {
