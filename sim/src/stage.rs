@@ -5,15 +5,15 @@ use std::ops::Range;
 use serde::{Deserialize, Serialize};
 use toml::de::{DeTable, DeValue};
 
-use crate::friction::MAX_ELEMENTS;
-use crate::plant::SUBSTEP_MAX_NS;
+mod friction;
+
+pub use friction::{Friction, FrictionModel, Spread};
 
 /// The built-in stage file, `sim/stages/als130h.toml`: a worked example of the format.
 pub const BUILT_IN_TOML: &str = include_str!("../stages/als130h.toml");
 
 /// The simulated hardware. Plain data; [`Stage::from_toml`] is where it is checked.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub struct Stage {
     /// The moving mass and its travel.
     pub mechanics: Mechanics,
@@ -39,51 +39,6 @@ pub struct Mechanics {
     pub travel_m: f64,
     /// Viscous friction, N s/m, 0 to 1e4.
     pub viscous_n_s_per_m: f64,
-}
-
-/// The rolling friction of the guides.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Friction {
-    /// The model of the truth.
-    pub model: FrictionModel,
-    /// Elements of the Maxwell-slip model, 1 to 32; 12 if not given.
-    #[serde(default = "default_elements")]
-    pub elements: usize,
-    /// Dahl's stiffness σ, N/m, at least 1; at most what the internal step resolves (a tenth of a radian of the resonance).
-    pub stiffness_n_per_m: f64,
-    /// Coulomb level F_C, N, 1e-6 to 1e4.
-    pub coulomb_n: f64,
-    /// How both vary from move to move; not at all if not given.
-    pub spread: Option<Spread>,
-}
-
-/// The friction models to choose from.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum FrictionModel {
-    /// Parallel elements with non-local memory.
-    MaxwellSlip,
-    /// Dahl's differential equation, with local memory.
-    Dahl,
-}
-
-/// Normal distributions around the nominal values, clipped, drawn once per move.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Spread {
-    /// Standard deviation of σ, N/m, 0 to the nominal value.
-    pub stiffness_std_n_per_m: f64,
-    /// Smallest σ, N/m, 1 to the nominal value.
-    pub stiffness_min_n_per_m: f64,
-    /// Largest σ, N/m, from the nominal value to what the internal step resolves.
-    pub stiffness_max_n_per_m: f64,
-    /// Standard deviation of F_C, N, 0 to the nominal value.
-    pub coulomb_std_n: f64,
-    /// Smallest F_C, N, 1e-6 to the nominal value.
-    pub coulomb_min_n: f64,
-    /// Largest F_C, N, from the nominal value to 1e4.
-    pub coulomb_max_n: f64,
 }
 
 /// The three-phase linear motor, star point floating.
@@ -146,10 +101,22 @@ pub struct Encoder {
     pub acknowledge_bits: u32,
 }
 
+/// The file as it is written.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    mechanics: Mechanics,
+    friction: friction::File,
+    motor: Motor,
+    amplifier: Amplifier,
+    adc: Adc,
+    encoder: Encoder,
+}
+
 /// What is wrong with a stage file, and in which line (from 1).
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum StageError {
-    /// Not TOML, or a key is missing, unknown or of the wrong type.
+    /// Not TOML, or a key is missing, unknown, of the wrong type or at odds with another one.
     #[error("line {line}: {message}")]
     Format {
         /// Line of the value or, of what is missing, of its table.
@@ -177,7 +144,10 @@ impl Stage {
     /// # Errors
     /// The first wrong thing found, with its line, key, value and range.
     pub fn from_toml(text: &str) -> Result<Stage, StageError> {
-        let stage: Stage = toml::from_str(text).map_err(|error| format_error(text, &error))?;
+        let File { mechanics, friction, motor, amplifier, adc, encoder } =
+            toml::from_str(text).map_err(|error| format_error(text, &error))?;
+        let friction = friction.resolve().map_err(|misfit| misfit.error(text))?;
+        let stage = Stage { mechanics, friction, motor, amplifier, adc, encoder };
         let wrong = stage.limits().into_iter().find(|limit| !(limit.from..=limit.to).contains(&limit.value));
         wrong.map_or(Ok(stage), |limit| Err(limit.error(text)))
     }
@@ -185,18 +155,12 @@ impl Stage {
     /// Every value with its range; NaN is in none of them.
     fn limits(&self) -> Vec<Limit> {
         let Stage { mechanics, friction, motor, amplifier, adc, encoder } = self;
-        // The resonance turns by sqrt(2 σ / m) times the internal step, in radians.
-        let substep_s = SUBSTEP_MAX_NS as f64 * 1e-9;
-        let stiffest_n_per_m = 0.5 * mechanics.mass_kg * (0.1 / substep_s) * (0.1 / substep_s);
         let finest_count_m = mechanics.travel_m / (u64::from(u32::MAX) - 1) as f64;
         let limit = |key, value, from, to| Limit { key, value, from, to };
         let mut limits = vec![
             limit("mechanics.mass_kg", mechanics.mass_kg, 0.01, 1e3),
             limit("mechanics.travel_m", mechanics.travel_m, 1e-6, 10.0),
             limit("mechanics.viscous_n_s_per_m", mechanics.viscous_n_s_per_m, 0.0, 1e4),
-            limit("friction.elements", friction.elements as f64, 1.0, MAX_ELEMENTS as f64),
-            limit("friction.stiffness_n_per_m", friction.stiffness_n_per_m, 1.0, stiffest_n_per_m),
-            limit("friction.coulomb_n", friction.coulomb_n, 1e-6, 1e4),
             limit("motor.force_constant_n_per_a", motor.force_constant_n_per_a, 0.01, 1e3),
             limit("motor.resistance_ohm", motor.resistance_ohm, 1e-3, 1e3),
             limit("motor.inductance_h", motor.inductance_h, 1e-5, 1.0),
@@ -216,22 +180,7 @@ impl Stage {
             limit("encoder.noise_m_rms", encoder.noise_m_rms, 0.0, 1e-3),
             limit("encoder.acknowledge_bits", f64::from(encoder.acknowledge_bits), 1.0, 20.0),
         ];
-        if let Some(spread) = &friction.spread {
-            let (stiffness, coulomb) = (friction.stiffness_n_per_m, friction.coulomb_n);
-            limits.extend([
-                limit("friction.spread.stiffness_std_n_per_m", spread.stiffness_std_n_per_m, 0.0, stiffness),
-                limit("friction.spread.stiffness_min_n_per_m", spread.stiffness_min_n_per_m, 1.0, stiffness),
-                limit(
-                    "friction.spread.stiffness_max_n_per_m",
-                    spread.stiffness_max_n_per_m,
-                    stiffness,
-                    stiffest_n_per_m,
-                ),
-                limit("friction.spread.coulomb_std_n", spread.coulomb_std_n, 0.0, coulomb),
-                limit("friction.spread.coulomb_min_n", spread.coulomb_min_n, 1e-6, coulomb),
-                limit("friction.spread.coulomb_max_n", spread.coulomb_max_n, coulomb, 1e4),
-            ]);
-        }
+        limits.extend(friction.limits(mechanics));
         limits
     }
 }
@@ -242,10 +191,6 @@ impl Default for Stage {
         // A test reads the built-in text; there is no run-time input that could make this fail.
         Stage::from_toml(BUILT_IN_TOML).expect("the built-in stage file is valid")
     }
-}
-
-fn default_elements() -> usize {
-    12
 }
 
 /// A value and the closed range it must lie in.
@@ -259,13 +204,32 @@ struct Limit {
 impl Limit {
     fn error(&self, text: &str) -> StageError {
         let span = span_of(text, self.key);
+        let table = self.key.rsplit_once('.').map_or(self.key, |(table, _)| table);
+        let written_at = if span.is_empty() { span_of(text, table).start } else { span.start };
         StageError::OutOfRange {
-            line: line_of(text, span.start),
+            line: line_of(text, written_at),
             key: self.key,
-            // A default that was not written cannot be out of range, but its dependants' ranges are never empty either.
+            // What is not written follows from other keys of its table.
             value: text.get(span).filter(|written| !written.is_empty()).map_or(self.value.to_string(), str::to_string),
             range: format!("{:?} to {:?}", self.from, self.to),
         }
+    }
+}
+
+/// A key that does not go with the others.
+struct Misfit {
+    key: String,
+    message: String,
+}
+
+impl Misfit {
+    fn new(key: impl Into<String>, message: String) -> Misfit {
+        Misfit { key: key.into(), message }
+    }
+
+    fn error(&self, text: &str) -> StageError {
+        let message = format!("{}: {}", self.key, self.message);
+        StageError::Format { line: line_of(text, span_of(text, &self.key).start), message }
     }
 }
 

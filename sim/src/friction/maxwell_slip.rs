@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::elements::Element;
+
 /// The most elements a model can have.
 pub const MAX_ELEMENTS: usize = LANES * BLOCKS;
 /// Elements that are stepped together.
@@ -66,6 +68,13 @@ impl MaxwellSlip {
             }
         }
         total(sum_n)
+    }
+
+    /// The elements, stiffest slope of the curve first.
+    pub fn elements(&self) -> impl Iterator<Item = Element> {
+        let parts = self.stiffness_n_per_m.as_flattened().iter().zip(self.saturation_n.as_flattened());
+        let of = |(k, f): (&f64, &f64)| Element { stiffness_n_per_m: *k, saturation_n: *f };
+        parts.take(self.elements).map(of)
     }
 
     /// The force that opposes positive motion, N.
