@@ -1,4 +1,4 @@
-//! Plots as small inline SVG: lines, dots, error bars and tolerance bands on linear, logarithmic or named axes.
+//! Plots as small inline SVG: lines, dots, error bars, heat maps and tolerance bands on linear, logarithmic or named axes.
 //!
 //! A [`Plot`] is plain data; [`Plot::svg`] draws it 480 units wide, to be scaled by the page. Colours and type come
 //! from [`STYLE`], once per page, through classes and custom properties: a plot therefore follows dark mode and print.
@@ -9,6 +9,7 @@
 //! view box), and names its clip paths by a counter of the process, so that the same plot gives other bytes the second
 //! time. Neither thins a series: 7 and 15 kB per line of 800 samples.
 
+mod heat;
 mod path;
 mod svg;
 mod ticks;
@@ -18,6 +19,11 @@ pub const WIDTH: f64 = 480.0;
 
 /// Number of colours before they repeat.
 pub const COLOURS: usize = 6;
+
+/// Number of colours of a heat map below and above zero.
+pub const HEAT_BELOW: usize = 4;
+/// See [`HEAT_BELOW`].
+pub const HEAT_ABOVE: usize = 8;
 
 /// Style sheet that plots need: the palette as custom properties (light, dark and print) and the classes of the marks.
 pub const STYLE: &str = include_str!("plot/style.css");
@@ -150,6 +156,12 @@ impl Series {
         self.marks.push(Mark::ErrorBar { x, y, error });
         self
     }
+
+    /// Adds a heat map; its colour bar stands above the frame, under the name of the series.
+    pub fn heat(mut self, heat: Heat) -> Self {
+        self.marks.push(Mark::Heat(heat));
+        self
+    }
 }
 
 /// One thing drawn. Points that are not finite interrupt a line and are otherwise left out.
@@ -168,6 +180,8 @@ pub enum Mark {
         /// Half length of the bar.
         error: f64,
     },
+    /// Cells coloured by their values.
+    Heat(Heat),
 }
 
 impl Mark {
@@ -176,8 +190,26 @@ impl Mark {
         match self {
             Mark::Line(points) | Mark::Dots(points) => points.clone(),
             &Mark::ErrorBar { x, y, error } => vec![(x, y - error), (x, y + error)],
+            Mark::Heat(heat) => vec![(heat.x.0, heat.y.0), (heat.x.1, heat.y.1)],
         }
     }
+}
+
+/// A grid of equal cells, each coloured by the class its value falls into: blue below zero, yellow to brown above.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Heat {
+    /// Left and right edge of the grid.
+    pub x: (f64, f64),
+    /// Lower and upper edge of the grid.
+    pub y: (f64, f64),
+    /// Number of columns.
+    pub columns: usize,
+    /// Values row by row, from the lowest row up; an incomplete last row is not drawn.
+    pub values: Vec<f64>,
+    /// Edges of the classes, increasing; at best up to [`HEAT_BELOW`] classes below zero and [`HEAT_ABOVE`] above.
+    pub levels: Vec<f64>,
+    /// Legend entry of values that are not finite; an empty name has none.
+    pub missing: String,
 }
 
 /// A shaded region across the whole plot: a tolerance, a window. With `from` equal to `to`, a dashed line.

@@ -1,8 +1,9 @@
 //! Draws a plot: lay out the frame, map values to places, write the elements from back to front.
 
+use super::heat::BAR_HEIGHT;
 use super::path::{Point, Rect, path};
 use super::ticks::{Tick, ticks};
-use super::{Axis, Band, COLOURS, Direction, Mark, Plot, Scale, Series, WIDTH};
+use super::{Axis, Band, COLOURS, Direction, Heat, Mark, Plot, Scale, Series, WIDTH};
 use std::fmt::Write;
 
 /// Sizes (user units); `GLYPH` is the width of an average character of the 13-unit type, on the wide side.
@@ -17,7 +18,8 @@ pub fn draw(plot: &Plot, style: &str) -> String {
     let legend = Legend::of(plot);
     let (low_y, high_y) = range(&plot.y, Direction::Y, plot);
     let (low_x, high_x) = range(&plot.x, Direction::X, plot);
-    let top = 10.0 + legend.rows as f64 * LINE_HEIGHT;
+    let bar_top = 6.0 + legend.rows as f64 * LINE_HEIGHT;
+    let top = 4.0 + bar_top + if heat(plot).is_some() { BAR_HEIGHT } else { 0.0 };
     let y_ticks = ticks(&plot.y.scale, low_y, high_y, ((plot.height - top - BOTTOM) / 45.0) as usize);
     let longest = y_ticks.iter().filter_map(|t| t.label.as_ref()).map(|l| l.chars().count()).max().unwrap_or(0);
     let left = (28.0 + longest as f64 * GLYPH).max(LEFT_LEAST);
@@ -47,12 +49,20 @@ pub fn draw(plot: &Plot, style: &str) -> String {
         draw_series(&mut out, series, frame, &x, &y);
     }
     legend.draw(&mut out, frame.left);
+    if let Some(heat) = heat(plot) {
+        heat.draw_bar(&mut out, frame.left, frame.right, bar_top);
+    }
     out.push_str("</svg>");
     out
 }
 
+/// The heat map whose colour bar is drawn.
+fn heat(plot: &Plot) -> Option<&Heat> {
+    plot.series.iter().flat_map(|s| &s.marks).find_map(|m| if let Mark::Heat(heat) = m { Some(heat) } else { None })
+}
+
 /// Values of one axis to places on the drawing.
-struct Mapping {
+pub struct Mapping {
     log: bool,
     low: f64,
     place: f64,
@@ -67,7 +77,7 @@ impl Mapping {
     }
 
     /// Place of a value; `None` if it is not finite or has no logarithm.
-    fn at(&self, value: f64) -> Option<f64> {
+    pub fn at(&self, value: f64) -> Option<f64> {
         let value = if self.log { (value > 0.0).then(|| value.log10())? } else { value };
         value.is_finite().then_some(self.place + (value - self.low) * self.per_unit)
     }
@@ -160,6 +170,7 @@ fn draw_series(out: &mut String, series: &Series, frame: Rect, x: &Mapping, y: &
                     put(&mut lines, format_args!(r#"<path d="{d}"/>"#));
                 }
             }
+            Mark::Heat(heat) => heat.draw(out, frame, x, y),
             Mark::Dots(points) => {
                 for p in points.iter().filter_map(place).filter(inside) {
                     put(
@@ -207,6 +218,10 @@ enum Key {
     Dot(usize),
     Band,
     Rule,
+    /// Nothing: the colour bar below belongs to the name.
+    Title,
+    /// What a heat map has no value for.
+    Missing,
 }
 
 impl<'a> Legend<'a> {
@@ -215,12 +230,16 @@ impl<'a> Legend<'a> {
             let colour = s.colour % COLOURS;
             if s.marks.iter().any(|m| matches!(m, Mark::Line(_))) { Key::Line(colour) } else { Key::Dot(colour) }
         };
-        let series = plot.series.iter().map(|s| (key(s), s.name.as_str()));
+        let series = plot.series.iter().flat_map(|s| match s.marks.first() {
+            Some(Mark::Heat(heat)) => vec![(Key::Title, s.name.as_str()), (Key::Missing, heat.missing.as_str())],
+            _ => vec![(key(s), s.name.as_str())],
+        });
         let bands = plot.bands.iter().map(|b| (if b.from == b.to { Key::Rule } else { Key::Band }, b.name.as_str()));
         let mut legend = Self { rows: 0, entries: Vec::new() };
         let mut offset = 0.0;
         for (key, name) in series.chain(bands).filter(|(_, name)| !name.is_empty()) {
-            let width = KEY + 6.0 + name.chars().count() as f64 * GLYPH + 14.0;
+            let key_width = if matches!(key, Key::Title) { 0.0 } else { KEY + 6.0 };
+            let width = key_width + name.chars().count() as f64 * GLYPH + 14.0;
             if legend.rows == 0 || offset + width > WIDTH - LEFT_LEAST {
                 legend.rows += 1;
                 offset = 0.0;
@@ -245,8 +264,11 @@ impl<'a> Legend<'a> {
                 }
                 Key::Band => out.push_str(&rect("band", from, middle - 6.0, KEY, 12.0)),
                 Key::Rule => put(out, format_args!(r#"<path class="rule" d="M{start} {y}H{end}"/>"#)),
+                Key::Missing => out.push_str(&rect("heat none", from, middle - 6.0, KEY, 12.0)),
+                Key::Title => {}
             }
-            text(out, "", (from + KEY + 6.0, middle + 4.5), "start", name);
+            let name_from = if matches!(key, Key::Title) { from } else { from + KEY + 6.0 };
+            text(out, "", (name_from, middle + 4.5), "start", name);
         }
     }
 }
@@ -264,20 +286,20 @@ fn rect(class: &str, x: f64, y: f64, width: f64, height: f64) -> String {
     format!(r#"<rect class="{class}" x="{x}" y="{y}" width="{width}" height="{height}"/>"#)
 }
 
-fn text(out: &mut String, class: &str, (x, y): Point, anchor: &str, content: &str) {
+pub fn text(out: &mut String, class: &str, (x, y): Point, anchor: &str, content: &str) {
     let class = if class.is_empty() { String::new() } else { format!(r#" class="{class}""#) };
     let anchor = if anchor == "start" { String::new() } else { format!(r#" text-anchor="{anchor}""#) };
     put(out, format_args!(r#"<text{class} x="{}" y="{}"{anchor}>{}</text>"#, n(x), n(y), escape(content)));
 }
 
 /// A coordinate with at most one decimal.
-fn n(value: f64) -> String {
+pub fn n(value: f64) -> String {
     let rounded = (value * 10.0).round() / 10.0 + 0.0;
     rounded.to_string()
 }
 
 /// Appends formatted text; writing to a string cannot fail.
-fn put(out: &mut String, content: std::fmt::Arguments) {
+pub fn put(out: &mut String, content: std::fmt::Arguments) {
     let _ = out.write_fmt(content);
 }
 

@@ -138,3 +138,50 @@ fn ten_noisy_traces_of_sixteen_thousand_samples_stay_small() {
     let bytes = plot.svg().len();
     assert!(bytes < 10 * 6_000, "{bytes} bytes");
 }
+
+fn heat(values: Vec<f64>, columns: usize) -> Plot {
+    let heat = Heat {
+        x: (0.0, 1.0),
+        y: (0.0, 1.0),
+        columns,
+        values,
+        levels: vec![-10.0, 0.0, 10.0],
+        missing: "unstable".into(),
+    };
+    Plot::new("map", Axis::linear("x").range(0.0, 1.0), Axis::linear("y").range(0.0, 1.0))
+        .series(Series::new("change / %", 0).heat(heat))
+}
+
+#[test]
+fn a_heat_map_has_one_path_per_class_and_joins_neighbours_in_a_row() {
+    let svg = heat(vec![-50.0, -50.0, -5.0, 5.0, 50.0, f64::NAN, 50.0, 50.0], 4).svg();
+    let document = Document::parse(&svg).unwrap();
+    let cells = |class: &str| {
+        let paths: Vec<_> = with_class(&document, class).into_iter().filter(|n| n.has_tag_name("path")).collect();
+        paths[0].attribute("d").unwrap().matches('M').count()
+    };
+    // Below −10 %, −10 to 0, 0 to 10, above 10, no value; the lower row holds the first four values.
+    assert_eq!(["b1", "b0", "a0", "a1", "none"].map(cells), [1, 1, 1, 2, 1]);
+}
+
+#[test]
+fn a_heat_map_explains_its_colours_above_the_frame() {
+    let svg = heat(vec![1.0], 1).svg();
+    let texts = texts(&svg);
+    for expected in ["change / %", "unstable", "−10", "10"] {
+        assert!(texts.iter().any(|t| t == expected), "{expected} missing in {texts:?}");
+    }
+    let document = Document::parse(&svg).unwrap();
+    let frame_top: f64 = with_class(&document, "frame")[0].attribute("y").unwrap().parse().unwrap();
+    for label in document.descendants().filter(|n| n.is_element() && matches!(n.text(), Some("−10" | "unstable"))) {
+        assert!(label.attribute("y").unwrap().parse::<f64>().unwrap() < frame_top);
+    }
+}
+
+#[test]
+fn a_heat_map_with_no_cells_or_a_ragged_end_draws_what_there_is() {
+    for (values, columns) in [(vec![], 3), (vec![1.0], 0), (vec![1.0; 7], 3)] {
+        let svg = heat(values, columns).svg();
+        assert!(Document::parse(&svg).is_ok() && !svg.contains("NaN") && !svg.contains("inf"), "{svg}");
+    }
+}

@@ -103,7 +103,7 @@ impl Case {
         check("delta", self.delta, (-0.99, 10.0), "")
     }
 
-    /// Time until ln(e0/e) has reached `decay` (in τ_d).
+    /// Time until ln(e0/e) has reached `decay` (in τ_d); at the ends of the ranges to 1e-6, for the thesis' to 1e-14.
     fn time_tau(&self, decay: f64) -> f64 {
         const PANELS: u32 = 64;
         let edge = |i: u32| decay * f64::from(i) / f64::from(PANELS);

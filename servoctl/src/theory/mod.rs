@@ -3,9 +3,11 @@
 //!
 //! - [`massless`]: inertia neglected (section 7.5), in characteristic lengths and design time constants
 //! - [`mass`]: the stage with its mass, through any number of velocity reversals (section 7.6), in SI units
+//! - [`figures`]: the data of figures 34 to 44 (maps) and 45 to 54 (curves), and their pictures
 //!
 //! The friction model has the stiffness σ; the plant has σ(1 + δ) (7.27). F_C is the same for both.
 
+pub mod figures;
 pub mod mass;
 pub mod massless;
 
@@ -22,7 +24,7 @@ impl Method {
     /// Name for tables and legends.
     pub fn name(self) -> &'static str {
         match self {
-            Method::Observer => "friction observer",
+            Method::Observer => "observer",
             Method::Niasa => "NIASA",
         }
     }
@@ -70,6 +72,7 @@ fn check(name: &'static str, value: f64, (low, high): (f64, f64), unit: &str) ->
     if (low..=high).contains(&value) {
         return Ok(());
     }
+    let short = |v: f64| if v != 0.0 && (v.abs() < 1e-3 || v.abs() >= 1e5) { format!("{v:e}") } else { v.to_string() };
     let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
-    Err(TheoryError::OutOfRange { name, value, range: format!("{low} to {high}{unit}") })
+    Err(TheoryError::OutOfRange { name, value, range: format!("{} to {}{unit}", short(low), short(high)) })
 }

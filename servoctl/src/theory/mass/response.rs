@@ -4,8 +4,8 @@ use super::motion::{Branch, State};
 use super::{Case, TheoryError};
 use crate::theory::SETTLED;
 
-/// At rest: error, velocity and acceleration have shrunk to this share of the smaller of r and x_c. Smaller motion is the
-/// same motion on a smaller scale, so it goes on shrinking.
+/// At rest: the error, and what it can become by velocity and acceleration within τ_d, have shrunk to this share of the
+/// smaller of r and x_c. Smaller motion is the same motion on a smaller scale, so it goes on shrinking.
 const AT_REST: f64 = 1e-6;
 /// Steady: the largest |e| of two successive groups of this many reversals differ by less than this share. (A growing or
 /// dying oscillation is far from this except within about 1e-4 of the edge of stability, where growth itself dies out.)
@@ -84,7 +84,7 @@ pub fn solve(case: &Case) -> Result<Response, TheoryError> {
     let start: State = [case.r_m, 0.0, 0.0];
     let rest_m = AT_REST * case.r_m.min(case.coulomb_n / case.sigma_n_per_m);
     let gone_m = GONE * (case.r_m + case.coulomb_n / case.kp_n_per_m + case.coulomb_n / case.sigma_n_per_m);
-    let rate_per_s = case.fastest_rate_per_s();
+    let (rate_per_s, tau_d_s) = (case.fastest_rate_per_s(), 1.0 / case.inv_tau_d_per_s);
 
     let mut branch =
         Branch { direction: 1.0, start_error_m: case.r_m, friction_n: case.f0_n, model_friction_n: case.f0_model_n };
@@ -104,7 +104,7 @@ pub fn solve(case: &Case) -> Result<Response, TheoryError> {
             }
         }
         let [e, v, a] = state;
-        if e.abs().max(v.abs() / rate_per_s).max(a.abs() / (rate_per_s * rate_per_s)) < rest_m {
+        if e.abs().max(v.abs() * tau_d_s).max(a.abs() * tau_d_s / rate_per_s) < rest_m {
             break Verdict::Settles;
         }
         if e.abs() > gone_m {
