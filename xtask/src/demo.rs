@@ -30,14 +30,9 @@ pub struct Options {
 
 impl Options {
     /// File names as seen from `directory`, where the person is, which may not be the workspace.
-    pub fn seen_from(mut self, directory: &Path) -> Options {
-        let stdout = Path::new("-");
-        for path in [&mut self.stage, &mut self.json, &mut self.report].into_iter().flatten() {
-            if path.as_path() != stdout && !std::env::current_dir().is_ok_and(|here| here == directory) {
-                *path = directory.join(&path);
-            }
-        }
-        self
+    pub fn seen_from(self, directory: &Path) -> Options {
+        let seen = |path: Option<PathBuf>| path.map(|path| host::seen_from(directory, path));
+        Options { stage: seen(self.stage), json: seen(self.json), report: seen(self.report), ..self }
     }
 
     fn arguments(&self) -> Vec<String> {

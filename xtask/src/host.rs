@@ -1,6 +1,6 @@
 //! cargo for the host workspace.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use anyhow::{Context, Result};
@@ -51,8 +51,14 @@ pub fn virtual_board(program: &str, elf: &Path) -> Result<Command> {
 ///
 /// # Errors
 /// When there is no current directory.
-pub fn absolute(path: &Path) -> Result<std::path::PathBuf> {
+pub fn absolute(path: &Path) -> Result<PathBuf> {
     std::path::absolute(path).with_context(|| format!("the path {}", path.display()))
+}
+
+/// `path` as a person means it who is in `directory`, which may not be the workspace; `-` is no path.
+pub fn seen_from(directory: &Path, path: PathBuf) -> PathBuf {
+    let is_here = std::env::current_dir().is_ok_and(|here| here == directory);
+    if is_here || path == Path::new("-") { path } else { directory.join(path) }
 }
 
 #[cfg(test)]

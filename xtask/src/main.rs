@@ -44,7 +44,7 @@ enum Word {
         bless: bool,
     },
     /// Measure: instructions of the control loops, speed of the virtual board
-    Bench,
+    Bench(bench::Options),
     /// Install what is missing: embedded toolchain, QEMU, C compiler (every other word does it by itself)
     Setup {
         /// Only say what would be done
@@ -73,7 +73,7 @@ fn run(word: Word, directory: &Path) -> Result<()> {
         Word::Flash => firmware::flash(),
         Word::Qemu { bless: false } => qemu::run(),
         Word::Qemu { bless: true } => qemu::bless(),
-        Word::Bench => bench::run(),
+        Word::Bench(options) => bench::run(&options.seen_from(directory)),
         Word::Setup { dry_run } => setup::all(dry_run),
     }
 }

@@ -1,6 +1,6 @@
 //! Running other programs: streamed output, a sign of life while they are silent, errors that name the command.
 
-use std::io::{BufRead, BufReader, IsTerminal, Read};
+use std::io::{BufRead, BufReader, IsTerminal, Read, Write};
 use std::process::{Command, Stdio};
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::thread;
@@ -107,7 +107,8 @@ fn run_on_pipe(command: &mut Command, label: &str) -> Result<std::process::ExitS
                 activity = cargo_activity(&line);
                 continue; // silent: the heartbeat keeps its pace
             }
-            Ok(Line::Out(line)) => println!("{line}"),
+            // A reader that has gone (`| head`) is no reason to stop.
+            Ok(Line::Out(line)) => drop(writeln!(std::io::stdout(), "{line}")),
             Ok(Line::Err(line)) => eprintln!("{line}"),
             Err(RecvTimeoutError::Timeout) => {
                 eprintln!("{}", heartbeat(label, start.elapsed(), activity.as_deref()))

@@ -7,6 +7,7 @@ use std::path::Path;
 use std::process::Command;
 
 use anyhow::{Context, Result, ensure};
+use serde_json::json;
 
 use crate::toolchain::Toolchain;
 use crate::version::Version;
@@ -50,6 +51,27 @@ pub fn run() -> Result<()> {
         exceeded.join("\n  ")
     );
     eprintln!("host and images have the agreed bits, and the counts are within the budget");
+    Ok(())
+}
+
+/// Prints the counts beside their budget without judging them, and writes them to `json` if given (`-`: to standard
+/// output, instead of the table).
+///
+/// # Errors
+/// When set-up or a build fails, host and images differ, or the file cannot be written.
+pub fn report(json: Option<&Path>) -> Result<()> {
+    let measured = measure()?;
+    let rustc = measured.rustc.to_string();
+    let counts = || format!("{:#}\n", json!({ "rustc": rustc, "counts": measured.counts.to_json() }));
+    match json {
+        Some(file) if file == Path::new("-") => print!("{}", counts()),
+        Some(file) => std::fs::write(file, counts()).with_context(|| format!("writing {}", file.display()))?,
+        None => {}
+    }
+    if json != Some(Path::new("-")) {
+        let budget = Budget::parse(&read(BUDGET)?).context(BUDGET)?;
+        print!("{}", budget.compare(&measured.counts, measured.rustc)?.0);
+    }
     Ok(())
 }
 

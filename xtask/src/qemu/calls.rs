@@ -4,6 +4,8 @@ use std::collections::BTreeMap;
 
 use anyhow::{Context, Result, bail, ensure};
 
+use serde_json::{Value, json};
+
 use super::image::Image;
 
 /// Functions of this prefix say what kind of tick the calls before them belong to.
@@ -130,6 +132,20 @@ impl Counts {
         }
     }
 
+    /// All counts, by `function` or `function/kind`.
+    pub fn to_json(&self) -> Value {
+        let one = |(name, count): (&String, &Count)| {
+            let value = json!({
+                "calls": count.calls,
+                "min_instructions": count.min,
+                "mean_instructions": count.mean(),
+                "max_instructions": count.max,
+            });
+            (name.clone(), value)
+        };
+        Value::Object(self.0.iter().map(one).collect())
+    }
+
     /// Counts of `function` or `function/kind`.
     ///
     /// # Errors
@@ -157,6 +173,8 @@ mod tests {
         assert_eq!((a.calls, a.min, a.max, a.spread(), a.mean()), (2, 10, 12, 2, 11.0));
         let off = counts.get("b/off").unwrap();
         assert_eq!((off.calls, off.min, off.max), (1, 9, 9));
+        let as_json = json!({"calls": 2, "min_instructions": 10, "mean_instructions": 11.0, "max_instructions": 12});
+        assert_eq!(counts.to_json()["a"], as_json);
         let missing = counts.get("c").unwrap_err().to_string();
         assert_eq!(missing, "nothing was counted as c; there are a, a/off, b, b/off");
     }
