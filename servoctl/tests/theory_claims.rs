@@ -207,6 +207,22 @@ fn the_verdicts_do_not_hang_on_the_settling_distance_below_half_a_characteristic
     }
 }
 
+/// Section 8.1.2 limits the rate of the integral action for large moves. This is why: after a reversal in gross motion the
+/// schedule is at its highest while the error is large, and a swing of some 65 x_c keeps itself up, with a perfect model.
+#[test]
+fn without_a_rate_limit_niasa_swings_for_ever_once_it_starts_far_away() {
+    let from = |r_m| Case { r_m, ..Case::thesis(Method::Niasa, 0.0) }.respond().unwrap();
+    assert_eq!(from(1e-6).verdict, Verdict::Settles);
+    let amplitudes_m = [1e-5, 1e-4, 1e-3].map(|r_m| {
+        let response = from(r_m);
+        assert_eq!(response.verdict, Verdict::LimitCycle, "r = {r_m} m");
+        response.reversals.last().unwrap().error_m.abs()
+    });
+    assert!(amplitudes_m.iter().all(|a| (a - 4.626e-6).abs() < 0.01e-6), "{amplitudes_m:?}");
+    let observer = Case { r_m: 1e-4, ..Case::thesis(Method::Observer, 0.0) };
+    assert_eq!(observer.respond().unwrap().verdict, Verdict::Settles);
+}
+
 /// Small swings about a rest without friction force see constant slopes, σ(1+δ) and σ. Routh's criterion for the
 /// third-order error equation then gives the edge of stability: k_D (slope + k_P) = m k_I.
 #[test]
@@ -261,9 +277,15 @@ fn a_loop_that_is_unstable_as_a_free_mass_is_said_to_grow_without_bound() {
     let case = Case { inv_tau_d_per_s: 700.0, r_m: 1e-6, ..Case::thesis(Method::Observer, 0.0) };
     assert_eq!(
         case.respond().unwrap_err().to_string(),
-        "the error grows without bound: as a free mass this loop is unstable unless inv-tau-d < kd/mass \
-         (700 1/s against 566.6666666666666 1/s)"
+        "the error grows without bound: inv-tau-d = 700 is outside 0 to kd/mass = 566.6666666666666 1/s, \
+         where the loop is stable as a free mass"
     );
+}
+
+#[test]
+fn time_scales_too_far_apart_are_said_to_be() {
+    let case = Case { mass_kg: 1e-3, inv_tau_d_per_s: 1e-3, ..Case::thesis(Method::Niasa, 0.0) };
+    assert!(matches!(case.respond(), Err(TheoryError::TooLong { .. })));
 }
 
 #[test]

@@ -206,8 +206,14 @@ fn the_thesis_cases_that_settle_do_so_at_the_same_time_in_the_other_solution() {
 
 #[test]
 fn a_limit_cycle_has_the_same_amplitude_in_the_other_solution() {
-    for (method, delta) in [(Method::Observer, -0.1), (Method::Observer, -0.5), (Method::Niasa, -0.65)] {
-        let case = Case::thesis(method, delta);
+    let thesis_m = 35.461e-9;
+    for (method, delta, r_m) in [
+        (Method::Observer, -0.1, thesis_m),
+        (Method::Observer, -0.5, thesis_m),
+        (Method::Niasa, -0.65, thesis_m),
+        (Method::Niasa, 0.0, 1e-5),
+    ] {
+        let case = Case { r_m, ..Case::thesis(method, delta) };
         let response = case.respond().unwrap();
         assert_eq!(response.verdict, Verdict::LimitCycle, "{method:?} {delta}");
         let other = solve_otherwise(&case, response.end_s());

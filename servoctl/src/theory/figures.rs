@@ -63,7 +63,7 @@ impl Map {
 
     /// The map as a picture, red where unstable.
     pub fn plot(&self) -> Plot {
-        let (x, y) = (outer_edges(&self.e0_xc), outer_edges(&self.delta));
+        let (x, y) = (outer_edges(E0_XC, self.e0_xc.len()), outer_edges(DELTA, self.delta.len()));
         let heat = Heat {
             x,
             y,
@@ -158,9 +158,8 @@ fn spread((first, last): (f64, f64), count: usize) -> Vec<f64> {
     (0..=last_index).map(|i| first + (last - first) * i as f64 / last_index as f64).collect()
 }
 
-/// Edges of the cells around even values.
-fn outer_edges(values: &[f64]) -> (f64, f64) {
-    let (first, last) = (values[0], values[values.len() - 1]);
-    let half = 0.5 * (last - first) / (values.len() - 1) as f64;
+/// Edges of the cells around values that are spread evenly.
+fn outer_edges((first, last): (f64, f64), count: usize) -> (f64, f64) {
+    let half = 0.5 * (last - first) / (count.max(2) - 1) as f64;
     (first - half, last + half)
 }

@@ -48,8 +48,8 @@ pub enum TheoryError {
     },
     /// The oscillation has outgrown all friction: the loop is unstable even as a free mass.
     #[error(
-        "the error grows without bound: as a free mass this loop is unstable unless inv-tau-d < kd/mass \
-         ({inv_tau_d_per_s} 1/s against {limit_per_s} 1/s)"
+        "the error grows without bound: inv-tau-d = {inv_tau_d_per_s} is outside 0 to kd/mass = {limit_per_s} 1/s, \
+         where the loop is stable as a free mass"
     )]
     Unbounded {
         /// 1/τ_d as given (1/s).

@@ -82,12 +82,13 @@ impl Branch {
         let rate = case.fastest_rate_per_s();
         let speed = |state: &State| -self.direction * state[1];
         let gain = |state: &State| -self.direction * state[2];
-        let size = (0..3).fold(0.0f64, |size, i| size.max(from[i].abs() / rate.powi(i as i32)));
+        // All three as lengths: what they amount to within a time constant of the fastest motion.
+        let length_m = |[e, v, a]: State| e.abs().max(v.abs() / rate).max(a.abs() / (rate * rate));
+        let size_m = length_m(from);
         let mut h_s = longest_s.min(LONGEST_STEP / rate);
         loop {
             let (to, error) = self.step(case, from, h_s);
-            let worst = (0..3).fold(0.0f64, |worst, i| worst.max(error[i].abs() / rate.powi(i as i32)));
-            let excess = worst / (TOLERANCE * size);
+            let excess = length_m(error) / (TOLERANCE * size_m);
             let turns_at_once = speed(&from) <= 0.0 && speed(&to) <= 0.0;
             if (excess > 1.0 || turns_at_once) && h_s > 1e-9 / rate {
                 h_s *= if turns_at_once { 0.25 } else { (0.9 * libm::pow(excess, -0.2)).clamp(0.2, 0.9) };
@@ -162,3 +163,58 @@ const A: [&[f64]; 6] = [
 /// Fifth minus fourth order.
 const ERROR: [f64; 7] =
     [71.0 / 57600.0, 0.0, -71.0 / 16695.0, 71.0 / 1920.0, -17253.0 / 339200.0, 22.0 / 525.0, -1.0 / 40.0];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const START: Branch = Branch { direction: 1.0, start_error_m: 35.461e-9, friction_n: 0.0, model_friction_n: 0.0 };
+
+    /// A step that the tolerance allows.
+    const STEP_S: f64 = 1e-5;
+
+    /// A speed that dips to `least` in the middle of a step, under the jerk of the restoring force.
+    fn dip(case: &Case, least_m_per_s: f64) -> State {
+        let half_s = 0.5 * STEP_S;
+        let jerk = START.derivative(case, [case.r_m, 0.0, 0.0])[2];
+        [case.r_m, 0.5 * jerk * half_s * half_s - least_m_per_s, -jerk * half_s]
+    }
+
+    #[test]
+    fn a_pair_of_reversals_within_one_step_is_seen() {
+        let case = Case::thesis(Method::Niasa, 0.0);
+        let from = dip(&case, -1e-11);
+        assert!(from[1] < 0.0 && START.step(&case, from, STEP_S).0[1] < 0.0, "the ends alone show none");
+        let step = START.advance(&case, from, STEP_S);
+        assert!(step.reversal && step.h_s < 0.5 * STEP_S && step.state[1] == 0.0, "{step:?}");
+        let back = START.next(&case, step.state);
+        assert_eq!(back.direction, -1.0);
+        let mut step = Advance { reversal: false, ..step };
+        while !step.reversal {
+            step = back.advance(&case, step.state, STEP_S);
+            assert!(step.h_s < STEP_S, "{step:?}");
+        }
+        assert_eq!(back.next(&case, step.state).direction, 1.0);
+    }
+
+    #[test]
+    fn a_dip_that_does_not_reach_zero_is_no_reversal() {
+        let case = Case::thesis(Method::Niasa, 0.0);
+        let step = START.advance(&case, dip(&case, 1e-11), STEP_S);
+        assert!(!step.reversal && step.h_s == STEP_S, "{step:?}");
+    }
+
+    #[test]
+    fn slopes_are_the_derivatives_of_forces_in_both_directions() {
+        let case = Case::thesis(Method::Observer, 0.3);
+        for direction in [1.0, -1.0] {
+            let branch = Branch { direction, friction_n: 0.1, model_friction_n: -0.2, ..START };
+            let at_m = START.start_error_m - direction * 20e-9;
+            let h_m = 1e-13;
+            let (before, after) = (branch.forces_n(&case, at_m + h_m), branch.forces_n(&case, at_m - h_m));
+            let (plant, model) = branch.slopes_n_per_m(&case, at_m);
+            assert!(((after.0 - before.0) / (2.0 * h_m) / plant - 1.0).abs() < 1e-6, "{direction}");
+            assert!(((after.1 - before.1) / (2.0 * h_m) / model - 1.0).abs() < 1e-6, "{direction}");
+        }
+    }
+}

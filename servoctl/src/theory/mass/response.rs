@@ -11,8 +11,8 @@ const AT_REST: f64 = 1e-6;
 /// dying oscillation is far from this except within about 1e-4 of the edge of stability, where growth itself dies out.)
 const GROUP: usize = 50;
 const STEADY: f64 = 1e-4;
-/// Gone: the error is this many times as large as r, and all that friction can hold back.
-const GONE: f64 = 1e3;
+/// Gone: the error is this many times as large as r, and as what friction can hold back.
+const GONE: f64 = 1e6;
 /// Most time steps. An oscillation that is not shrinking by then is a limit cycle without a period.
 const MOST_STEPS: usize = 2_000_000;
 
@@ -112,7 +112,7 @@ pub fn solve(case: &Case) -> Result<Response, TheoryError> {
             return Err(TheoryError::Unbounded { inv_tau_d_per_s, limit_per_s });
         }
         if nodes.len() > MOST_STEPS {
-            if is_shrinking(&nodes) {
+            if reversals.len() < 2 * GROUP || is_shrinking(&nodes) {
                 return Err(TheoryError::TooLong { steps: MOST_STEPS, reached_s: time_s });
             }
             break Verdict::LimitCycle;
