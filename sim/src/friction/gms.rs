@@ -58,9 +58,11 @@ pub enum Law {
 }
 
 /// Largest change of `F_h/s` in one linearised step of [`Law::HiddenState`] with `n ≠ 1`.
-const LARGEST_CHANGE: f64 = 1.0 / 64.0;
+const LARGEST_CHANGE: f64 = 1.0 / 256.0;
+/// The same, relative to what is left to the level.
+const LARGEST_SHARE: f64 = 1.0 / 20.0;
 /// Steps after which what is left of the path is gone in one.
-const MOST_STEPS: usize = 400;
+const MOST_STEPS: usize = 2_000;
 /// An element this near to its saturation, relative to it, has arrived.
 const ARRIVED: f64 = 1.0 - 1e-12;
 
@@ -82,7 +84,7 @@ impl Gms {
     ///
     /// [`Law::HiddenState`] with `n = 1` is exact for a step of any length: from one saturation of an element to the next the
     /// deflection is an exponential in `x`. With another `n` the law is linearised over pieces in which `F_h/s` changes by at
-    /// most 1/64, within 1e-4 of the level. [`Law::Attraction`] takes the velocity of the step for `s(v)`.
+    /// most 1/256, within 1e-5 of the level. [`Law::Attraction`] takes the velocity of the step for `s(v)`.
     pub fn advance(&mut self, dx_m: f64, dt_s: f64) -> f64 {
         let velocity_m_per_s = velocity_m_per_s(dx_m, dt_s);
         let level_n = self.now.level.at(velocity_m_per_s);
@@ -183,7 +185,7 @@ impl Gms {
             let largest_m = if shape == 1.0 || step == MOST_STEPS {
                 f64::INFINITY
             } else {
-                level_n / stiffness_n_per_m * LARGEST_CHANGE.min(0.25 * (1.0 - filled).abs().max(1e-6))
+                level_n / stiffness_n_per_m * LARGEST_CHANGE.min(LARGEST_SHARE * (1.0 - filled).abs().max(1e-6))
             };
             let free_m = rate.abs() * ratio_of_rise(fade_per_m * left_m) * left_m;
             let dz_m = free_m.min(reach_m).min(largest_m);
