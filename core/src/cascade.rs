@@ -102,6 +102,8 @@ pub struct State {
 pub struct Terms {
     /// K_v·w, N: proportional and derivative part of the parallel form together.
     pub proportional_n: f32,
+    /// The share of it that follows the rate of the error, N.
+    pub rate_n: f32,
     /// What the integrator wants to add in this tick, N; [`State::integrate`] does it.
     pub increment_n: f32,
 }
@@ -118,23 +120,15 @@ impl State {
     pub fn terms(&mut self, k: &Coefficients, error_ct: i32) -> Terms {
         let change_ct = error_ct.wrapping_sub(self.last_error_ct);
         self.last_error_ct = error_ct;
-        let velocity_error = error_ct as f32 * k.position_m_per_s_per_ct + change_ct as f32 * k.rate_m_per_s_per_ct;
-        let proportional_n = velocity_error * k.velocity_n_s_per_m;
-        Terms { proportional_n, increment_n: proportional_n * k.integral_per_tick }
+        let rate_n = change_ct as f32 * k.rate_m_per_s_per_ct * k.velocity_n_s_per_m;
+        let proportional_n = error_ct as f32 * k.position_m_per_s_per_ct * k.velocity_n_s_per_m + rate_n;
+        Terms { proportional_n, rate_n, increment_n: proportional_n * k.integral_per_tick }
     }
 
     /// Adds an increment to the integrator.
     #[inline]
     pub fn integrate(&mut self, increment_n: f32) {
         self.integral_n += f64::from(increment_n);
-    }
-
-    /// Keeps the force of the last tick when the gains change from `old` to `new`: the integrator takes up the difference of the
-    /// part that follows the position error. (The part that follows its rate is noise around zero at rest and is left alone.)
-    pub fn retune(&mut self, old: &Coefficients, new: &Coefficients) {
-        let position_force =
-            |k: &Coefficients| self.last_error_ct as f32 * k.position_m_per_s_per_ct * k.velocity_n_s_per_m;
-        self.integral_n += f64::from(position_force(old) - position_force(new));
     }
 }
 
@@ -213,19 +207,6 @@ mod tests {
                 last = e;
                 prop_assert!((force - parallel).abs() < 1e-5 * (1.0 + parallel.abs() + 40.0), "{force} {parallel}");
             }
-        }
-
-        #[test]
-        fn new_gains_do_not_move_the_force_of_a_steady_error(error_ct in -40_000i32..40_000, factor in 0.2f64..5.0) {
-            let old = Coefficients::new(CascadeGains::from_parallel(STANDARD).unwrap(), COUNT_M);
-            let other = ParallelGains { kp_n_per_m: STANDARD.kp_n_per_m * factor, ki_n_per_m_s: 0.0, ..STANDARD };
-            let new = Coefficients::new(CascadeGains::from_parallel(other).unwrap(), COUNT_M);
-            let mut state = State::default();
-            state.reset(error_ct);
-            let before = f64::from(state.terms(&old, error_ct).proportional_n) + state.integral_n;
-            state.retune(&old, &new);
-            let after = f64::from(state.terms(&new, error_ct).proportional_n) + state.integral_n;
-            prop_assert!((before - after).abs() < 1e-4, "{before} {after}");
         }
     }
 }

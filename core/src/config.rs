@@ -1,25 +1,15 @@
 //! Coefficients of the tick, made from parameters once, outside it.
 
 use crate::cascade::{self, CascadeGains};
-use crate::compensator::niasa;
-use crate::friction::dahl;
+pub use crate::compensator::Compensator;
+use crate::compensator::niasa::{self, DuringProfile, Schedule};
+use crate::compensator::{self, disturbance, feedforward, observer, scheduled};
+use crate::friction::{coulomb, dahl, gms, lugre, maxwell_slip, shaped_dahl, stribeck};
 use crate::parameters::Settings;
 use crate::position::Position;
 use crate::refusal::Refusal;
 use crate::settling::{TOLERANCES, TOLERANCES_NM};
 use crate::{PWM_HZ, SERVO_DT_S, current};
-
-/// Which compensator acts.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Compensator {
-    /// PID only.
-    #[default]
-    None,
-    /// PID and NIASA.
-    Niasa,
-}
 
 /// Everything the tick multiplies with: plain data, swapped as a whole.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -60,10 +50,8 @@ pub struct Config {
     pub velocity_max_m_per_s: f32,
     /// m/s².
     pub acceleration_max_m_per_s2: f32,
-    /// Which compensator acts.
-    pub compensator: Compensator,
-    /// NIASA.
-    pub niasa: niasa::Coefficients,
+    /// Compensators.
+    pub compensator: compensator::Coefficients,
     /// Settling tolerances, counts.
     pub tolerances_ct: [i32; TOLERANCES],
     /// CPU cycles.
@@ -113,29 +101,94 @@ impl Config {
             travel_max: nearest(s.travel_max_m),
             velocity_max_m_per_s: s.velocity_max_m_per_s as f32,
             acceleration_max_m_per_s2: s.acceleration_max_m_per_s2 as f32,
-            compensator: if s.compensator >= 0.5 { Compensator::Niasa } else { Compensator::None },
-            niasa: niasa::Coefficients {
-                friction: dahl::Coefficients {
-                    stiffness_n_per_m: s.niasa_stiffness_n_per_m as f32,
-                    coulomb_n: s.niasa_coulomb_n as f32,
-                    exponent_per_ct: (s.niasa_stiffness_n_per_m / s.niasa_coulomb_n * count_m) as f32,
-                    hysteresis_ct: libm::round(to_ct(s.niasa_hysteresis_m)).min(f64::from(i32::MAX)) as i32,
-                },
-                gain_m_per_ct: (count_m * f64::from(SERVO_DT_S) / s.niasa_time_constant_s) as f32,
-                rate_limit_n: s.niasa_rate_limit_n as f32,
-                during_profile: if s.niasa_frozen_in_profile >= 0.5 {
-                    niasa::DuringProfile::Frozen
-                } else {
-                    niasa::DuringProfile::Active
-                },
-                schedule: if s.niasa_with_proportional >= 0.5 {
-                    niasa::Schedule::SlopeAndProportional
-                } else {
-                    niasa::Schedule::Slope
-                },
-            },
+            compensator: compensator(s),
             tolerances_ct: TOLERANCES_NM.map(|nm| to_ct(f64::from(nm) * 1e-9) as i32),
             tick_limit_cycles: s.tick_limit_cycles as u32,
         })
     }
+}
+
+/// Coefficients of all compensators.
+fn compensator(s: &Settings) -> compensator::Coefficients {
+    let count_m = s.encoder_count_m;
+    let dt_s = f64::from(SERVO_DT_S);
+    let hysteresis_ct = libm::round(s.niasa_hysteresis_m / count_m).min(f64::from(i32::MAX)) as i32;
+    let dahl = |stiffness: f64, coulomb: f64| dahl::Coefficients {
+        stiffness_n_per_m: stiffness as f32,
+        coulomb_n: coulomb as f32,
+        exponent_per_ct: (stiffness / coulomb * count_m) as f32,
+        hysteresis_ct,
+    };
+    let like_dahl = |stiffness: f64, coulomb: f64| {
+        maxwell_slip::Elements::like_dahl(maxwell_slip::MAX_ELEMENTS, stiffness as f32, coulomb as f32)
+    };
+    let level = stribeck::Level {
+        coulomb_n: s.friction_coulomb_n as f32,
+        static_n: s.friction_static_n as f32,
+        stribeck_m_per_s: s.friction_stribeck_m_per_s as f32,
+        stribeck_shape: 1.0,
+    };
+    let viscous_n_s_per_m = s.friction_viscous_n_s_per_m as f32;
+    let lugre = lugre::Coefficients {
+        stiffness_n_per_m: s.friction_stiffness_n_per_m as f32,
+        damping_n_s_per_m: s.friction_damping_n_s_per_m as f32,
+        viscous_n_s_per_m,
+        level,
+    };
+    let kp_n_per_m = s.velocity_gain_n_s_per_m * (s.position_gain_per_s + s.velocity_integral_per_s);
+    compensator::Coefficients {
+        kind: choice(&Compensator::ALL, s.compensator),
+        niasa: niasa::Coefficients {
+            friction: dahl(s.niasa_stiffness_n_per_m, s.niasa_coulomb_n),
+            maxwell: maxwell_slip::Coefficients {
+                elements: like_dahl(s.niasa_stiffness_n_per_m, s.niasa_coulomb_n),
+                count_m: count_m as f32,
+                hysteresis_ct,
+            },
+            gain_m_per_ct: (count_m * dt_s / s.niasa_time_constant_s) as f32,
+            rate_limit_n: s.niasa_rate_limit_n as f32,
+            during_profile: choice(&[DuringProfile::Active, DuringProfile::Frozen], s.niasa_frozen_in_profile),
+            schedule: choice(&[Schedule::Slope, Schedule::SlopeAndProportional], s.niasa_with_proportional),
+        },
+        feedforward: feedforward::Coefficients {
+            model: choice(&feedforward::Model::ALL, s.feedforward_model),
+            coulomb: coulomb::Coefficients { coulomb_n: level.coulomb_n, viscous_n_s_per_m },
+            stribeck: stribeck::Coefficients { level, viscous_n_s_per_m },
+            dahl: shaped_dahl::Coefficients {
+                stiffness_n_per_m: s.friction_stiffness_n_per_m as f32,
+                coulomb_n: level.coulomb_n,
+                shape: 1.0,
+            },
+            lugre,
+            gms: gms::Coefficients {
+                elements: like_dahl(s.friction_stiffness_n_per_m, s.friction_coulomb_n),
+                level,
+                damping_n_s_per_m: s.friction_damping_n_s_per_m as f32,
+                viscous_n_s_per_m,
+                law: gms::Law::Attraction { attraction_n_per_s: f32::INFINITY },
+            },
+        },
+        observer: observer::Coefficients {
+            lugre,
+            // The driving term is to be the integral action k_P/τ_d (7.23): σ_0·k = k_P/τ_d.
+            drive_m_per_s_per_ct: (count_m * kp_n_per_m / s.friction_stiffness_n_per_m / s.observer_time_constant_s)
+                as f32,
+            speed_m_per_s_per_ct: (count_m / dt_s) as f32,
+            dahl: dahl(s.friction_stiffness_n_per_m, s.friction_coulomb_n),
+            integral_m_per_ct: (count_m * dt_s / s.observer_time_constant_s) as f32,
+        },
+        scheduled: scheduled::Coefficients {
+            friction: dahl(s.friction_stiffness_n_per_m, s.friction_coulomb_n),
+            share: s.schedule_share as f32,
+        },
+        disturbance: disturbance::Coefficients {
+            bandwidth_per_s: (core::f64::consts::TAU * s.disturbance_bandwidth_hz) as f32,
+            momentum_n_s_per_ct: (s.disturbance_mass_kg * count_m / dt_s) as f32,
+        },
+    }
+}
+
+/// The alternative that a number stands for: the nearest one there is.
+fn choice<T: Copy>(alternatives: &[T], number: f64) -> T {
+    alternatives[(libm::round(number) as usize).min(alternatives.len() - 1)]
 }

@@ -2,8 +2,8 @@
 
 use crate::PERIODS_PER_TICK;
 use crate::cascade;
-use crate::compensator::niasa::{self, Niasa};
-use crate::config::{Compensator, Config};
+use crate::compensator::{Compensator, Memory, Situation};
+use crate::config::Config;
 use crate::current::Demand;
 use crate::encoder::tracker::{Tracker, Update};
 use crate::fault::Fault;
@@ -33,6 +33,7 @@ pub struct Inputs {
 
 /// What a person, or a program, can ask of the drive.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[expect(clippy::large_enum_variant, reason = "there is no allocator to box with, and a command is rare")]
 pub enum Command {
     /// Close the loops at the present position.
     Enable,
@@ -102,9 +103,17 @@ pub struct Drive {
     profile: Profile,
     reference: Setpoint,
     error_ct: i32,
+    /// Force of the last tick, N.
+    force_n: f32,
     was_moving: bool,
     cascade: cascade::State,
-    niasa: Niasa,
+    compensator: Memory,
+    /// Force of the compensator's integrator, N.
+    nonlinear_n: f64,
+    /// What holds the stage where it is, N: the last tick's force without the part that follows the rate of the error.
+    static_n: f32,
+    /// The next tick keeps `static_n`, whatever has been changed.
+    absorb: bool,
     settling: Monitor,
     bus_v: f32,
     counters: Counters,
@@ -125,9 +134,13 @@ impl Drive {
             profile: Profile::at_rest(origin),
             reference: Profile::at_rest(origin).advance(),
             error_ct: 0,
+            force_n: 0.0,
             was_moving: false,
             cascade: cascade::State::default(),
-            niasa: Niasa::at_rest(origin),
+            compensator: Memory::None,
+            nonlinear_n: 0.0,
+            static_n: 0.0,
+            absorb: false,
             settling: Monitor::default(),
             bus_v: 0.0,
             counters: Counters::default(),
@@ -215,7 +228,7 @@ impl Drive {
         }
         self.error_ct = self.reference.position.minus(position);
         record.error_ct = self.error_ct;
-        self.control(&mut record);
+        self.control(&mut record, step_ct);
         let demand = Demand {
             enabled: true,
             iq_a: record.iq_set_a,
@@ -232,38 +245,50 @@ impl Drive {
         self.reference = self.profile.advance();
         self.was_moving = false;
         self.cascade.reset(0);
-        self.niasa = Niasa::at_rest(position);
+        self.nonlinear_n = 0.0;
+        self.force_n = 0.0;
+        self.absorb = false;
+        (self.compensator, _) = Memory::start(self.config.compensator.kind, position, 0.0);
     }
 
     /// From error to current set-point.
     #[inline]
-    fn control(&mut self, record: &mut TickRecord) {
+    fn control(&mut self, record: &mut TickRecord, step_ct: i32) {
         let k = &self.config;
         let moving = !self.reference.done;
-        let compensated = k.compensator == Compensator::Niasa;
-
         let terms = self.cascade.terms(&k.cascade, record.error_ct);
-        let increment =
-            self.niasa.update(&k.niasa, record.position, record.error_ct, moving, k.cascade.proportional_n_per_m);
-        let feedforward_n = k.feedforward_mass_kg * self.reference.acceleration_m_per_s2;
-
-        // A schedule that includes k_P is all the integral action there is (7.55): the linear integral stands still.
-        let linear_n = if compensated && k.niasa.schedule == niasa::Schedule::SlopeAndProportional {
-            0.0
-        } else {
-            terms.increment_n
+        let situation = Situation {
+            position: record.position,
+            step_ct,
+            error_ct: record.error_ct,
+            reference: self.reference,
+            proportional_n_per_m: k.cascade.proportional_n_per_m,
+            force_n: self.force_n,
         };
-        let nonlinear_n = if compensated { increment.force_n } else { 0.0 };
-        let wanted_n =
-            terms.proportional_n + self.cascade.integral_n as f32 + self.niasa.integral_n as f32 + feedforward_n;
+        let action = self.compensator.act(&k.compensator, &situation);
+        let feedforward_n = k.feedforward_mass_kg * self.reference.acceleration_m_per_s2;
+        let proportional_n = terms.proportional_n * action.gain;
+        let rate_n = terms.rate_n * action.gain;
+
+        let mut wanted_n =
+            proportional_n + (self.cascade.integral_n + self.nonlinear_n) as f32 + action.direct_n + feedforward_n;
+        if core::mem::take(&mut self.absorb) {
+            let bump_n = wanted_n - rate_n - self.static_n;
+            self.cascade.integral_n -= f64::from(bump_n);
+            wanted_n -= bump_n;
+        }
+        self.static_n = wanted_n - rate_n;
         let force_n = wanted_n.clamp(-k.force_limit_n, k.force_limit_n);
         let limited = force_n != wanted_n;
+        self.force_n = force_n;
+
         // At the limit an integrator may only turn back.
+        let linear_n = if action.replaces_integral { 0.0 } else { terms.increment_n };
         if !limited || linear_n * wanted_n < 0.0 {
             self.cascade.integrate(linear_n);
         }
-        if !limited || nonlinear_n * wanted_n < 0.0 {
-            self.niasa.integrate(nonlinear_n);
+        if !limited || action.increment_n * wanted_n < 0.0 {
+            self.nonlinear_n += f64::from(action.increment_n);
         }
 
         if moving {
@@ -275,19 +300,19 @@ impl Drive {
         }
         self.was_moving = moving;
 
-        record.proportional_n = terms.proportional_n;
+        record.proportional_n = proportional_n;
         record.integral_n = self.cascade.integral_n as f32;
-        record.niasa_n = self.niasa.integral_n as f32;
+        record.compensator_n = self.nonlinear_n as f32 + action.direct_n;
         record.feedforward_n = feedforward_n;
         record.force_n = force_n;
-        record.friction_n = self.niasa.friction_n();
-        record.slope_n_per_m = self.niasa.slope_n_per_m();
+        record.friction_n = action.friction_n;
+        record.slope_n_per_m = action.slope_n_per_m;
         record.iq_set_a = force_n * k.amps_per_newton;
         record.flags |= flags::BRIDGE_ON
             | if moving { flags::MOVING } else { 0 }
             | if limited { flags::FORCE_LIMITED } else { 0 }
-            | if compensated { flags::COMPENSATED } else { 0 }
-            | if compensated && increment.limited { flags::RATE_LIMITED } else { 0 };
+            | if matches!(self.compensator, Memory::None) { 0 } else { flags::COMPENSATED }
+            | if action.limited { flags::RATE_LIMITED } else { 0 };
     }
 
     /// Keeps the electrical angle as counts within one turn and returns the counts moved since the last tick: positions differ by
@@ -412,35 +437,38 @@ impl Drive {
         Ok(())
     }
 
-    /// The force of a compensator that is turned off stays in the linear integrator.
-    fn choose(&mut self, compensator: Compensator) {
-        if compensator == Compensator::None {
-            self.merge_integrals();
-        }
-        self.config.compensator = compensator;
+    /// The next tick's force is this one's: what the old compensator gave and the new one does not give is the linear integrator's.
+    fn choose(&mut self, kind: Compensator) {
+        self.config.compensator.kind = kind;
+        self.merge_integrals();
+        (self.compensator, self.cascade.integral_n) =
+            Memory::start(kind, self.tracker.position(), self.cascade.integral_n);
+        self.absorb = true;
     }
 
-    /// Hands the force of the nonlinear integrator to the linear one; their sum stays.
+    /// Hands the force of the compensator's integrator to the linear one; their sum stays.
     fn merge_integrals(&mut self) {
-        self.cascade.integral_n += self.niasa.integral_n;
-        self.niasa.integral_n = 0.0;
+        self.cascade.integral_n += self.nonlinear_n;
+        self.nonlinear_n = 0.0;
     }
 
     fn configure(&mut self, config: Config, needs_bridge_off: bool) -> Outcome {
         if needs_bridge_off && self.state.has_torque() {
             return Err(Refusal::WrongState(self.state));
         }
-        self.cascade.retune(&self.config.cascade, &config.cascade);
-        let feedforward_n = |k: &Config| k.feedforward_mass_kg * self.reference.acceleration_m_per_s2;
-        self.cascade.integral_n += f64::from(feedforward_n(&self.config) - feedforward_n(&config));
-        self.choose(config.compensator);
+        let kind = config.compensator.kind;
+        let switch = kind != self.config.compensator.kind;
+        self.config = config;
+        self.absorb = true;
+        if switch {
+            self.choose(kind);
+        }
         if needs_bridge_off {
             // Origin, count or commutation may differ: begin again from the next good frame.
             self.tracker = Tracker::default();
             self.electrical_ct = 0;
-            self.electrical_at = config.commutation_zero;
+            self.electrical_at = self.config.commutation_zero;
         }
-        self.config = config;
         Ok(())
     }
 }

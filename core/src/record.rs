@@ -39,8 +39,8 @@ pub struct TickRecord {
     pub proportional_n: f32,
     /// Force of the linear integrator, N.
     pub integral_n: f32,
-    /// Force of the nonlinear integrator, N.
-    pub niasa_n: f32,
+    /// Force of the compensator, N.
+    pub compensator_n: f32,
     /// Acceleration feedforward, N.
     pub feedforward_n: f32,
     /// Force asked of the motor, N: the sum, limited.
@@ -76,7 +76,7 @@ impl TickRecord {
             self.error_ct as u32,
             self.proportional_n.to_bits(),
             self.integral_n.to_bits(),
-            self.niasa_n.to_bits(),
+            self.compensator_n.to_bits(),
             self.feedforward_n.to_bits(),
             self.force_n.to_bits(),
             self.friction_n.to_bits(),
@@ -133,7 +133,7 @@ mod tests {
             TickRecord { error_ct: 1, ..zero },
             TickRecord { proportional_n: 1.0, ..zero },
             TickRecord { integral_n: 1.0, ..zero },
-            TickRecord { niasa_n: 1.0, ..zero },
+            TickRecord { compensator_n: 1.0, ..zero },
             TickRecord { feedforward_n: 1.0, ..zero },
             TickRecord { force_n: 1.0, ..zero },
             TickRecord { friction_n: 1.0, ..zero },

@@ -125,7 +125,7 @@ impl Commands {
 
     async fn choose(&mut self, compensator: Compensator) -> Outcome {
         self.commander.execute(Command::Compensator(compensator)).await?;
-        self.settings.compensator = f64::from(u8::from(compensator == Compensator::Niasa));
+        self.settings.compensator = f64::from(compensator as u8);
         Ok(())
     }
 

@@ -51,7 +51,7 @@ fn log_record(record: &TickRecord) {
         record.position.0,
         record.error_ct,
         record.force_n,
-        record.niasa_n,
+        record.compensator_n,
         record.iq_a,
         record.bus_v,
         record.flags,

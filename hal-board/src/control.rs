@@ -7,7 +7,7 @@
 //! t0 + 25 µs  underflow: compares become active; next update
 //! ```
 //! Nothing waits for anything. A frame that has not ended by the next update is given up and the tick runs a period
-//! late with [`MISSING_FRAME`]; conversions that have not ended are reported as full-scale codes, which any over-current
+//! late with `u64::MAX` as its frame; conversions that have not ended are reported as full-scale codes, which any over-current
 //! limit answers by switching off.
 
 use core::cell::UnsafeCell;

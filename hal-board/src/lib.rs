@@ -11,7 +11,7 @@
 //! # Contexts
 //! Three interrupts run at priority P0 and therefore never pre-empt one another: the timer update, the end of the
 //! phase-current conversions and the end of the encoder frame ([`control`]). Everything else is at P2 or lower, and
-//! critical sections mask P1 and below only ([`critical`]): no library lock can delay the control loop.
+//! critical sections mask P1 and below only (`critical.rs`): no library lock can delay the control loop.
 #![no_std]
 
 mod adc;

@@ -7,7 +7,8 @@ use core::hint::black_box;
 
 use servo_core::axis::{Axis, ServoOutput, ServoSample};
 use servo_core::cascade;
-use servo_core::compensator::niasa::{self, Niasa};
+use servo_core::compensator::niasa::OnDahl;
+use servo_core::compensator::{Action, Situation};
 use servo_core::config::Config;
 use servo_core::current::{self, Bridge, CurrentLoop, Demand, PhaseCodes};
 use servo_core::drive::{Command, Drive, Inputs, Outcome, Output};
@@ -124,11 +125,10 @@ pub fn cascade_terms(state: &mut cascade::State, k: &cascade::Coefficients, erro
     state.terms(k, error_ct)
 }
 
-/// Friction model and schedule.
+/// NIASA: friction model and schedule.
 #[inline(never)]
-pub fn niasa_update(state: &mut Niasa, config: &Config, record: &TickRecord) -> niasa::Increment {
-    let moving = record.flags & flags::MOVING != 0;
-    state.update(&config.niasa, record.position, record.error_ct, moving, config.cascade.proportional_n_per_m)
+pub fn niasa_act(state: &mut OnDahl, config: &Config, situation: &Situation) -> Action {
+    state.act(&config.compensator.niasa, situation)
 }
 
 /// Settling statistics.

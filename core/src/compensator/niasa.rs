@@ -6,7 +6,9 @@
 //! Right after a velocity reversal the bearings are a stiff spring, the modelled slope is high and the integrator fast; as the
 //! stage rolls on, the slope and with it the extra action vanish.
 
+use super::{Action, Situation};
 use crate::friction::dahl::{self, Dahl};
+use crate::friction::maxwell_slip::{self, MaxwellSlip};
 use crate::position::Position;
 
 /// What happens while the profile moves (8.1.2).
@@ -35,8 +37,10 @@ pub enum Schedule {
 /// Coefficients of the tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Coefficients {
-    /// The friction model: σ̂, F̂_C and the reversal hysteresis.
+    /// The Dahl model: σ̂, F̂_C and the reversal hysteresis.
     pub friction: dahl::Coefficients,
+    /// The Maxwell-slip model of the same σ̂, F̂_C and hysteresis.
+    pub maxwell: maxwell_slip::Coefficients,
     /// Force per tick, count of error and unit of slope: count·dt/τ_d, m (so that slope · error · this is N).
     pub gain_m_per_ct: f32,
     /// Largest change of the integrator in one tick, N. The thesis' choice is `2 F̂_C dt/τ_d` (8.1): a force per sample, kept as it
@@ -48,75 +52,80 @@ pub struct Coefficients {
     pub schedule: Schedule,
 }
 
-/// The compensator's memory.
+/// NIASA on the Dahl model.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Niasa {
+pub struct OnDahl {
     model: Dahl,
-    /// Force of the nonlinear integrator, N.
-    pub integral_n: f64,
 }
 
-/// What the compensator wants to add in one tick.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Increment {
-    /// Change of the integrator, N, within the rate limit.
-    pub force_n: f32,
-    /// The rate limit acts.
-    pub limited: bool,
-}
-
-impl Niasa {
-    /// Relaxed at `position`, no force.
-    pub fn at_rest(position: Position) -> Self {
-        Niasa { model: Dahl::relaxed(position), integral_n: 0.0 }
+impl OnDahl {
+    /// Relaxed at `position`.
+    pub fn relaxed(position: Position) -> Self {
+        OnDahl { model: Dahl::relaxed(position) }
     }
 
-    /// Modelled friction force, N.
-    pub fn friction_n(&self) -> f32 {
-        self.model.force_n()
-    }
-
-    /// Modelled slope, N/m.
-    pub fn slope_n_per_m(&self) -> f32 {
-        self.model.slope_n_per_m()
-    }
-
-    /// Follows the measured position and gives the increment of this tick; [`Niasa::integrate`] applies it.
-    ///
-    /// The model runs whether the compensator acts or not, so that switching on finds it in step.
+    /// Follows the measured position and gives the increment of this tick.
     ///
     /// # Source
     /// (7.55), App. E corrected (increment in SI with dt; clamp on the slope is the model's own bound 2σ), (8.1).
     #[inline]
-    pub fn update(
-        &mut self,
-        k: &Coefficients,
-        position: Position,
-        error_ct: i32,
-        moving: bool,
-        proportional_n_per_m: f32,
-    ) -> Increment {
-        let frozen = moving && k.during_profile == DuringProfile::Frozen;
+    pub fn act(&mut self, k: &Coefficients, tick: &Situation) -> Action {
+        let frozen = k.is_frozen(tick);
         if frozen {
-            self.model = Dahl::relaxed(position);
+            self.model = Dahl::relaxed(tick.position);
         }
-        self.model.update(&k.friction, position);
-        if frozen {
-            return Increment { force_n: 0.0, limited: false };
-        }
-        let scheduled = match k.schedule {
-            Schedule::Slope => self.model.slope_n_per_m(),
-            Schedule::SlopeAndProportional => self.model.slope_n_per_m() + proportional_n_per_m,
-        };
-        let wanted = scheduled * (error_ct as f32 * k.gain_m_per_ct);
-        let force_n = wanted.clamp(-k.rate_limit_n, k.rate_limit_n);
-        Increment { force_n, limited: force_n != wanted }
+        self.model.update(&k.friction, tick.position);
+        k.increment(tick, frozen, self.model.force_n(), self.model.slope_n_per_m())
+    }
+}
+
+/// NIASA on the Maxwell-slip model.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct OnMaxwell {
+    model: MaxwellSlip,
+}
+
+impl OnMaxwell {
+    /// Relaxed at `position`.
+    pub fn relaxed(position: Position) -> Self {
+        OnMaxwell { model: MaxwellSlip::relaxed(position) }
     }
 
-    /// Adds an increment to the integrator.
+    /// As [`OnDahl::act`]. The slope is that of a model with non-local memory: after a small loop it goes on as if the loop had not been.
     #[inline]
-    pub fn integrate(&mut self, force_n: f32) {
-        self.integral_n += f64::from(force_n);
+    pub fn act(&mut self, k: &Coefficients, tick: &Situation) -> Action {
+        let frozen = k.is_frozen(tick);
+        if frozen {
+            self.model = MaxwellSlip::relaxed(tick.position);
+        }
+        self.model.update(&k.maxwell, tick.position);
+        k.increment(tick, frozen, self.model.force_n(), self.model.slope_n_per_m())
+    }
+}
+
+impl Coefficients {
+    #[inline]
+    fn is_frozen(&self, tick: &Situation) -> bool {
+        !tick.reference.done && self.during_profile == DuringProfile::Frozen
+    }
+
+    #[inline]
+    fn increment(&self, tick: &Situation, frozen: bool, friction_n: f32, slope_n_per_m: f32) -> Action {
+        let (with_proportional, scheduled) = match self.schedule {
+            Schedule::Slope => (false, slope_n_per_m),
+            Schedule::SlopeAndProportional => (true, slope_n_per_m + tick.proportional_n_per_m),
+        };
+        let wanted = if frozen { 0.0 } else { scheduled * (tick.error_ct as f32 * self.gain_m_per_ct) };
+        let increment_n = wanted.clamp(-self.rate_limit_n, self.rate_limit_n);
+        Action {
+            increment_n,
+            limited: increment_n != wanted,
+            // A schedule that includes k_P is all the integral action there is (7.55).
+            replaces_integral: with_proportional,
+            friction_n,
+            slope_n_per_m,
+            ..Action::NONE
+        }
     }
 }
 
@@ -124,6 +133,7 @@ impl Niasa {
 mod tests {
     use super::*;
     use crate::SERVO_DT_S;
+    use crate::profile::Setpoint;
     use proptest::prelude::*;
 
     const COUNT_M: f64 = 4e-6 / 65536.0;
@@ -137,6 +147,11 @@ mod tests {
                 exponent_per_ct: (4e6 / 0.6 * COUNT_M) as f32,
                 hysteresis_ct: 16,
             },
+            maxwell: maxwell_slip::Coefficients {
+                elements: maxwell_slip::Elements::like_dahl(12, 4e6, 0.6),
+                count_m: COUNT_M as f32,
+                hysteresis_ct: 16,
+            },
             gain_m_per_ct: (COUNT_M * f64::from(SERVO_DT_S) / TAU_S) as f32,
             rate_limit_n: 0.015,
             during_profile: DuringProfile::Active,
@@ -144,60 +159,69 @@ mod tests {
         }
     }
 
-    #[test]
-    fn the_increment_is_slope_times_error_times_dt_over_tau() {
-        let k = coefficients();
-        let mut niasa = Niasa::at_rest(Position(0));
-        // Relaxed and at rest: slope σ. 100 counts are 6.1 nm.
-        let increment = niasa.update(&k, Position(0), 100, false, 0.0);
-        let expected = 4e6 * (100.0 * COUNT_M) * 125e-6 / TAU_S;
-        assert!((f64::from(increment.force_n) / expected - 1.0).abs() < 1e-5 && !increment.limited);
+    fn tick(position: i64, error_ct: i32, moving: bool) -> Situation {
+        let position = Position(position);
+        let reference = Setpoint {
+            position: position.plus(i64::from(error_ct)),
+            velocity_m_per_s: 0.0,
+            acceleration_m_per_s2: 0.0,
+            done: !moving,
+        };
+        Situation { position, step_ct: 0, error_ct, reference, proportional_n_per_m: 4.31e5, force_n: 0.0 }
     }
 
     #[test]
-    fn k_p_joins_the_schedule_when_asked() {
+    fn the_increment_is_slope_times_error_times_dt_over_tau() {
+        // Relaxed and at rest: slope σ. 100 counts are 6.1 nm.
+        let action = OnDahl::relaxed(Position(0)).act(&coefficients(), &tick(0, 100, false));
+        let expected = 4e6 * (100.0 * COUNT_M) * 125e-6 / TAU_S;
+        assert!((f64::from(action.increment_n) / expected - 1.0).abs() < 1e-5 && !action.limited);
+        assert!(!action.replaces_integral && action.direct_n == 0.0 && action.gain == 1.0);
+    }
+
+    #[test]
+    fn k_p_joins_the_schedule_when_asked_and_replaces_the_linear_integral() {
         let k = Coefficients { schedule: Schedule::SlopeAndProportional, ..coefficients() };
-        let increment = Niasa::at_rest(Position(0)).update(&k, Position(0), 100, false, 4.31e5);
+        let action = OnDahl::relaxed(Position(0)).act(&k, &tick(0, 100, false));
         let expected = (4e6 + 4.31e5) * (100.0 * COUNT_M) * 125e-6 / TAU_S;
-        assert!((f64::from(increment.force_n) / expected - 1.0).abs() < 1e-5);
+        assert!((f64::from(action.increment_n) / expected - 1.0).abs() < 1e-5);
+        assert!(action.replaces_integral);
     }
 
     #[test]
     fn a_large_error_moves_the_integrator_by_the_rate_limit_and_says_so() {
-        let increment = Niasa::at_rest(Position(0)).update(&coefficients(), Position(0), -100_000, false, 0.0);
-        assert_eq!(increment, Increment { force_n: -0.015, limited: true });
+        let action = OnDahl::relaxed(Position(0)).act(&coefficients(), &tick(0, -100_000, false));
+        assert_eq!((action.increment_n, action.limited), (-0.015, true));
     }
 
     #[test]
     fn frozen_during_the_profile_it_adds_nothing_and_starts_relaxed_where_the_profile_ends() {
         let k = Coefficients { during_profile: DuringProfile::Frozen, ..coefficients() };
-        let mut niasa = Niasa::at_rest(Position(0));
-        for tick in 1..1000 {
-            assert_eq!(
-                niasa.update(&k, Position(tick * 500), 300, true, 0.0),
-                Increment { force_n: 0.0, limited: false }
-            );
+        let mut niasa = OnDahl::relaxed(Position(0));
+        for step in 1..1000 {
+            let action = niasa.act(&k, &tick(step * 500, 300, true));
+            assert_eq!((action.increment_n, action.limited), (0.0, false));
         }
-        let first = niasa.update(&k, Position(500_000), 100, false, 0.0);
-        assert!(first.force_n > 0.0 && niasa.friction_n().abs() < 0.6);
+        let first = niasa.act(&k, &tick(500_000, 100, false));
+        assert!(first.increment_n > 0.0 && first.friction_n.abs() < 0.6);
     }
 
     #[test]
     fn after_a_long_way_in_one_direction_nothing_is_left_to_schedule() {
-        let k = coefficients();
-        let mut niasa = Niasa::at_rest(Position(0));
-        let increment = niasa.update(&k, Position(1_000_000), 1_000, true, 0.0);
-        assert!(increment.force_n.abs() < 1e-12 && (niasa.friction_n() - 0.6).abs() < 1e-6);
+        let action = OnDahl::relaxed(Position(0)).act(&coefficients(), &tick(1_000_000, 1_000, true));
+        assert!(action.increment_n.abs() < 1e-12 && (action.friction_n - 0.6).abs() < 1e-6);
+        let action = OnMaxwell::relaxed(Position(0)).act(&coefficients(), &tick(1_000_000, 1_000, true));
+        assert!(action.increment_n.abs() < 1e-12 && (action.friction_n - 0.6).abs() < 1e-5);
     }
 
     proptest! {
         #[test]
         fn no_tick_adds_more_than_the_rate_limit(path in proptest::collection::vec((-10_000_000i64..10_000_000, any::<i32>()), 1..100)) {
             let k = coefficients();
-            let mut niasa = Niasa::at_rest(Position(0));
+            let (mut dahl, mut maxwell) = (OnDahl::relaxed(Position(0)), OnMaxwell::relaxed(Position(0)));
             for (position, error_ct) in path {
-                let increment = niasa.update(&k, Position(position), error_ct, false, 0.0);
-                prop_assert!(increment.force_n.abs() <= k.rate_limit_n);
+                prop_assert!(dahl.act(&k, &tick(position, error_ct, false)).increment_n.abs() <= k.rate_limit_n);
+                prop_assert!(maxwell.act(&k, &tick(position, error_ct, false)).increment_n.abs() <= k.rate_limit_n);
             }
         }
     }

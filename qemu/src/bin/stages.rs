@@ -10,12 +10,13 @@ use core::hint::black_box;
 use servo_core::axis::ServoOutput;
 use servo_core::capture::Capture;
 use servo_core::cascade;
-use servo_core::compensator::niasa::Niasa;
+use servo_core::compensator::Situation;
+use servo_core::compensator::niasa::OnDahl;
 use servo_core::config::Config;
 use servo_core::current::{CurrentLoop, Demand};
 use servo_core::drive::{Command, Drive, Inputs};
 use servo_core::position::Position;
-use servo_core::profile::Profile;
+use servo_core::profile::{Profile, Setpoint};
 use servo_core::record::{TickRecord, flags};
 use servo_core::settling::Monitor;
 use servo_qemu::digest::Digest;
@@ -77,7 +78,7 @@ fn run() -> Result<Digest, Failure> {
 struct Stages {
     profile: Profile,
     cascade: cascade::State,
-    niasa: Niasa,
+    niasa: OnDahl,
     settling: Monitor,
 }
 
@@ -87,7 +88,7 @@ impl Stages {
         Stages {
             profile: Profile::at_rest(at),
             cascade: cascade::State::default(),
-            niasa: Niasa::at_rest(at),
+            niasa: OnDahl::relaxed(at),
             settling: Monitor::default(),
         }
     }
@@ -104,9 +105,17 @@ impl Stages {
             }
             regions::settling_update(&mut self.settling, config, record.error_ct);
         }
-        black_box(regions::profile_advance(&mut self.profile));
+        let reference = black_box(regions::profile_advance(&mut self.profile));
         black_box(regions::cascade_terms(&mut self.cascade, &config.cascade, record.error_ct));
-        black_box(regions::niasa_update(&mut self.niasa, config, record));
+        let situation = Situation {
+            position: record.position,
+            step_ct: 0,
+            error_ct: record.error_ct,
+            reference: Setpoint { done: record.flags & flags::MOVING == 0, ..reference },
+            proportional_n_per_m: config.cascade.proportional_n_per_m,
+            force_n: record.force_n,
+        };
+        black_box(regions::niasa_act(&mut self.niasa, config, &situation));
         black_box(regions::sin_cos(demand.turns));
     }
 }
