@@ -5,6 +5,7 @@
 //! - [`plot`]: line, dot and error-bar plots as small inline SVG
 //! - [`report`]: one self-contained HTML page out of text, plots and tables
 //! - [`demo_report`]: the page that `cargo xtask demo` writes
+//! - [`reproduce`]: the thesis' experiments, repeated in simulation
 //! - [`theory`]: chapter 7 of the thesis as functions: settling without and with mass
 //! - [`cli`]: the command line, a module per sub-command
 
@@ -12,6 +13,7 @@ pub mod cli;
 pub mod demo_report;
 pub mod plot;
 pub mod report;
+pub mod reproduce;
 pub mod settling;
 pub mod table;
 pub mod theory;

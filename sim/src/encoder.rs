@@ -24,16 +24,30 @@ pub fn frame(position_ct: u32, error: bool, warning: bool, acknowledge_bits: u32
     idle | payload << (MAX_ACKNOWLEDGE_BITS - acknowledge_bits.clamp(1, MAX_ACKNOWLEDGE_BITS))
 }
 
-/// Remainder of the 34 data bits times x⁶ modulo x⁶ + x + 1, start value 0.
+/// Remainder of the 34 data bits times x⁶ modulo x⁶ + x + 1, start value 0, byte by byte.
 fn crc6(data: u64) -> u8 {
-    let mut remainder = data << 6;
-    for bit in (6..40).rev() {
-        if remainder >> bit & 1 == 1 {
-            remainder ^= 0x43 << (bit - 6);
-        }
-    }
-    remainder as u8
+    let bytes = data.to_be_bytes();
+    // The remainder is kept in the upper six bits.
+    bytes[3..].iter().fold(0, |remainder, byte| REMAINDERS[usize::from(remainder ^ byte)]) >> 2
 }
+
+/// Remainder of each byte times x⁶, shifted to the upper six bits.
+const REMAINDERS: [u8; 256] = {
+    let mut table = [0; 256];
+    let mut byte = 0;
+    while byte < 256 {
+        let mut remainder = byte as u8;
+        let mut bit = 0;
+        while bit < 8 {
+            let carry = remainder & 0x80 != 0;
+            remainder = (remainder << 1) ^ if carry { 0b0000_1100 } else { 0 };
+            bit += 1;
+        }
+        table[byte] = remainder;
+        byte += 1;
+    }
+    table
+};
 
 #[cfg(test)]
 mod tests {

@@ -5,7 +5,11 @@
 //! Everything that prints numbers takes [`output::Json`] as `#[command(flatten)]` and ends with
 //! [`output::Json::write`]; progress goes to standard error.
 
+pub mod interrupt;
+pub mod merge;
 pub mod output;
+pub mod progress;
+pub mod reproduce;
 pub mod theory;
 
 use clap::{Parser, Subcommand};
@@ -26,6 +30,10 @@ pub enum Command {
     /// Settling in theory (chapter 7 of the thesis): friction observer against NIASA, with a wrong friction model
     #[command(subcommand)]
     Theory(theory::Options),
+    /// An experiment of the thesis, simulated: the drive of the firmware on a simulated stage
+    Reproduce(reproduce::Options),
+    /// Join the parts of an experiment that `reproduce --shard` computed
+    Merge(merge::Options),
 }
 
 /// Parses the process' arguments and does what they say; errors go to standard error, with exit code 1 (2 from clap).
@@ -46,6 +54,8 @@ pub fn main() -> ExitCode {
 pub fn run(command: &Command) -> anyhow::Result<()> {
     match command {
         Command::Theory(options) => theory::run(options),
+        Command::Reproduce(options) => reproduce::run(options),
+        Command::Merge(options) => merge::run(options),
     }
 }
 

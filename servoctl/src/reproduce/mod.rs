@@ -1,0 +1,13 @@
+//! The thesis' experiments, repeated: the drive of `servo-core` on the carriage of `servo-sim`.
+//!
+//! - [`pass`]: five steps up and five back, the unit of work
+//! - [`campaign`]: many passes of several configurations, in parallel, in parts
+//! - [`experiments`]: which configurations each experiment compares
+//! - [`outcome`]: statistics, tables, JSON
+//! - [`shard`]: parts of a campaign as files, and their union
+
+pub mod campaign;
+pub mod experiments;
+pub mod outcome;
+pub mod pass;
+pub mod shard;

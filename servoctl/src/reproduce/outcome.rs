@@ -1,0 +1,338 @@
+//! What an experiment gave: statistics, tables, JSON.
+
+use std::collections::BTreeMap;
+
+use serde::ser::SerializeMap;
+use serde::{Serialize, Serializer};
+use servo_core::SERVO_HZ;
+use servo_core::parameters::{Settings, TABLE};
+use servo_sim::Stage;
+
+use super::campaign::Passes;
+use super::experiments::{Comparison, Plan, gains};
+use super::pass::{Case, MoveResult, Squares};
+use crate::settling::{Config, SettlingExperiment, reduction_percent, round_to};
+use crate::table::{Conditions, Table, number, settling_table};
+
+/// Where every number of these experiments comes from.
+pub const ORIGIN: &str = "simulated (drive of servo-core on the carriage of servo-sim)";
+
+/// An experiment's result, as it is printed and written.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Outcome {
+    /// Name as typed.
+    pub experiment: String,
+    /// Section of the thesis.
+    pub thesis_section: String,
+    /// Where the numbers come from.
+    pub origin: String,
+    /// Seed of every random number.
+    pub seed: u64,
+    /// Moves per configuration that were asked for.
+    pub moves_requested: u64,
+    /// Whether all of them were made.
+    pub complete: bool,
+    /// The only comparison; its fields stand at this level.
+    #[serde(flatten)]
+    pub only: Option<Run>,
+    /// The comparisons of an experiment with several tunings or mass errors.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub runs: Vec<Run>,
+}
+
+/// One comparison of configurations.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Run {
+    /// Name within the experiment; empty if it is the only one.
+    pub name: String,
+    /// Settling times: moves, tolerances, configurations, reduction of the second against the first.
+    #[serde(flatten, serialize_with = "without_configs")]
+    pub settling: SettlingExperiment,
+    /// The configurations with what belongs to them.
+    pub configs: Vec<ConfigOutcome>,
+    /// The tuning of the position loop.
+    pub tuning: TuningOutcome,
+    /// The move.
+    pub step: StepOutcome,
+    /// The simulated hardware.
+    pub plant: Stage,
+}
+
+/// One configuration.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ConfigOutcome {
+    /// Settling times and their statistics.
+    #[serde(flatten)]
+    pub settling: Config,
+    /// Reduction of the mean settling time against the first configuration, per tolerance (%).
+    pub reduction_percent: Vec<Option<f64>>,
+    /// What acts beside the PID.
+    pub compensator: String,
+    /// Moves lost to a fault of the drive.
+    pub faults: usize,
+    /// Root mean square of the position error while the profile moves (nm).
+    pub tracking_rms_nm: Option<f64>,
+    /// Root mean square of the position error when the profile ends (nm).
+    pub end_error_rms_nm: Option<f64>,
+    /// Root mean square of the error in the 500 ms after settling to the finest tolerance (nm): what is left of the creep is in
+    /// it. The `in_position_rms_nm` beside it is of the last 500 ms of the dwell.
+    pub after_settling_rms_nm: Option<f64>,
+    /// Every parameter of the drive.
+    #[serde(serialize_with = "by_name")]
+    pub parameters: Settings,
+}
+
+/// A tuning, and what it leaves to settle.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct TuningOutcome {
+    /// In words.
+    pub name: String,
+    /// Crossover frequency on the free mass (Hz).
+    pub crossover_hz: f64,
+    /// Phase margin there (°).
+    pub phase_margin_deg: f64,
+    /// k_P (N/m).
+    pub kp_n_per_m: f64,
+    /// k_I (N/(m s)).
+    pub ki_n_per_m_s: f64,
+    /// k_D (N s/m).
+    pub kd_n_s_per_m: f64,
+    /// Error of the feedforward mass (%), where it was varied.
+    pub feedforward_mass_error_percent: Option<f64>,
+    /// Force that the loop, not the feedforward, holds while the stage brakes: (m − m_ff)·a (N). When the profile ends, it is
+    /// too much by this.
+    pub terminal_force_n: f64,
+    /// The same as a share of F_C.
+    pub terminal_force_per_coulomb: f64,
+}
+
+/// A kind of move.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct StepOutcome {
+    /// Length (m).
+    pub length_m: f64,
+    /// Acceleration (m/s²).
+    pub acceleration_m_per_s2: f64,
+    /// Length of the profile (ms).
+    pub profile_ms: f64,
+    /// Time after the profile (s).
+    pub dwell_s: f64,
+}
+
+impl Outcome {
+    /// The statistics of finished passes.
+    pub fn new(plan: &Plan, passes: &Passes) -> Outcome {
+        let run = |comparison: &Comparison| {
+            let cases: Vec<&Case> = comparison.cases.iter().map(|case| &plan.campaign.cases[*case]).collect();
+            let moves = comparison.cases.iter().map(|case| passes.values().flat_map(|p| &p[*case]).collect()).collect();
+            Run::new(comparison, &cases, moves)
+        };
+        let mut runs: Vec<Run> = plan.comparisons.iter().map(run).collect();
+        let only = match plan.comparisons.as_slice() {
+            [one] if one.name.is_empty() => runs.pop(),
+            _ => None,
+        };
+        Outcome {
+            experiment: plan.request.experiment.name().to_owned(),
+            thesis_section: plan.request.experiment.section().to_owned(),
+            origin: ORIGIN.to_owned(),
+            seed: plan.request.seed,
+            moves_requested: plan.request.moves,
+            complete: passes.len() as u64 == plan.campaign.passes(),
+            only,
+            runs,
+        }
+    }
+
+    /// All comparisons.
+    pub fn all(&self) -> impl Iterator<Item = &Run> {
+        self.only.iter().chain(&self.runs)
+    }
+
+    /// The tables for a terminal.
+    pub fn to_text(&self) -> String {
+        let mut text: String = self.all().map(|run| run.table().to_text() + "\n").collect();
+        text += &self.configurations().to_text();
+        if !self.complete {
+            text += &format!(
+                "\nNot complete: {} of {} moves per configuration.\n",
+                self.all().next().map_or(0, |run| run.settling.moves),
+                self.moves_requested
+            );
+        }
+        text
+    }
+
+    /// What the settling tables do not show: error at the end of the profile, in position, and the force that is left over.
+    fn configurations(&self) -> Table {
+        let caption = format!(
+            "{} {}, seed {}: rms of the position error while moving, at the end of the profile, in the 500 ms after settling to \
+             the finest tolerance and in position (last 500 ms of the dwell); force that is left over when the profile ends, and \
+             its share of F_C",
+            self.experiment, ORIGIN, self.seed
+        );
+        let header = [
+            "configuration",
+            "moving / nm",
+            "end / nm",
+            "settled / nm",
+            "in position / nm",
+            "left over / N",
+            "of F_C",
+            "faults",
+        ];
+        let mut table = Table::new(caption, &header);
+        for run in self.all() {
+            for config in &run.configs {
+                let name = [&run.name, &config.settling.name].map(String::as_str);
+                let nm = |value: Option<f64>, decimals| {
+                    value.map_or(crate::table::MISSING.to_owned(), |v| number(v, decimals))
+                };
+                table = table.row([
+                    name.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join(": "),
+                    nm(config.tracking_rms_nm, 0),
+                    nm(config.end_error_rms_nm, 0),
+                    nm(config.after_settling_rms_nm, 2),
+                    nm(config.settling.in_position_rms_nm, 2),
+                    number(run.tuning.terminal_force_n, 3),
+                    format!("{} %", number(100.0 * run.tuning.terminal_force_per_coulomb, 0)),
+                    config.faults.to_string(),
+                ]);
+            }
+        }
+        table
+    }
+}
+
+impl Run {
+    fn new(comparison: &Comparison, cases: &[&Case], moves: Vec<Vec<&MoveResult>>) -> Run {
+        let baseline = cases[0];
+        let settled: Vec<Config> = cases.iter().zip(&moves).map(|(case, moves)| config(case, moves)).collect();
+        let settling = SettlingExperiment::new(&baseline.tolerances_nm, settled);
+        let configs = cases
+            .iter()
+            .zip(&moves)
+            .zip(&settling.configs)
+            .map(|((case, moves), config)| ConfigOutcome::new(case, moves, config, &settling.configs[0]))
+            .collect();
+        Run {
+            name: comparison.name.clone(),
+            settling,
+            configs,
+            tuning: TuningOutcome::new(comparison, baseline),
+            step: StepOutcome::new(baseline),
+            plant: baseline.stage,
+        }
+    }
+
+    /// What the numbers were made on.
+    pub fn conditions(&self) -> Conditions {
+        let friction = &self.plant.friction;
+        let spread = if friction.spread.is_some() { ", redrawn per move" } else { "" };
+        Conditions {
+            origin: ORIGIN.to_owned(),
+            step: format!("{} at {} m/s²", length(self.step.length_m), self.step.acceleration_m_per_s2),
+            tuning: self.tuning.name.clone(),
+            plant: format!(
+                "{} kg, {:?} friction σ {:.2} N/µm, F_C {:.2} N{spread}",
+                self.plant.mechanics.mass_kg,
+                friction.model,
+                friction.stiffness_n_per_m * 1e-6,
+                friction.coulomb_n
+            ),
+        }
+    }
+
+    /// The settling table.
+    pub fn table(&self) -> Table {
+        settling_table(&self.settling, &self.conditions())
+    }
+}
+
+/// A length in its natural unit.
+fn length(m: f64) -> String {
+    match m {
+        m if m >= 1e-3 => format!("{} mm", round_to(m * 1e3, 6)),
+        m if m >= 1e-6 => format!("{} µm", round_to(m * 1e6, 6)),
+        m => format!("{} nm", round_to(m * 1e9, 6)),
+    }
+}
+
+/// Settling times of a case.
+fn config(case: &Case, moves: &[&MoveResult]) -> Config {
+    let ms = |ticks: &Option<u32>| ticks.map(|t| f64::from(t) / f64::from(SERVO_HZ) * 1e3);
+    let settling_ms: Vec<Vec<Option<f64>>> = moves.iter().map(|m| m.settled_ticks.iter().map(ms).collect()).collect();
+    Config::new(&case.name, &case.tolerances_nm, &settling_ms, rms_nm(case, moves.iter().map(|m| m.holding)))
+}
+
+/// Root mean square of all samples, nm; `None` without samples.
+fn rms_nm(case: &Case, sums: impl Iterator<Item = Squares>) -> Option<f64> {
+    let (ct2, samples) = sums.fold((0u128, 0u64), |(ct2, n), s| (ct2 + u128::from(s.ct2), n + u64::from(s.samples)));
+    (samples > 0).then(|| (ct2 as f64 / samples as f64).sqrt() * case.settings.encoder_count_m * 1e9)
+}
+
+impl ConfigOutcome {
+    fn new(case: &Case, moves: &[&MoveResult], settling: &Config, baseline: &Config) -> Self {
+        let rms_nm = |of: fn(&MoveResult) -> Squares| {
+            let finished = moves.iter().filter(|m| m.fault.is_none());
+            rms_nm(case, finished.map(|m| of(m))).map(|nm| round_to(nm, 3))
+        };
+        let means = baseline.mean_ms.iter().zip(&settling.mean_ms);
+        ConfigOutcome {
+            settling: settling.clone(),
+            reduction_percent: means.map(|(before, after)| reduction_percent((*before)?, (*after)?)).collect(),
+            compensator: format!("{:?}", case.compensator).to_lowercase(),
+            faults: moves.iter().filter(|m| m.fault.is_some()).count(),
+            tracking_rms_nm: rms_nm(|m| m.tracking),
+            end_error_rms_nm: rms_nm(|m| m.end),
+            after_settling_rms_nm: rms_nm(|m| m.after_settling),
+            parameters: case.settings,
+        }
+    }
+}
+
+impl TuningOutcome {
+    fn new(comparison: &Comparison, case: &Case) -> Self {
+        let gains = gains(&case.settings);
+        let missing_kg = case.stage.mechanics.mass_kg - case.settings.feedforward_mass_kg;
+        let terminal_force_n = missing_kg * case.steps.acceleration_m_per_s2;
+        TuningOutcome {
+            name: comparison.tuning.clone(),
+            crossover_hz: comparison.tuned_for.crossover_hz,
+            phase_margin_deg: comparison.tuned_for.phase_margin_deg,
+            kp_n_per_m: gains.kp_n_per_m,
+            ki_n_per_m_s: gains.ki_n_per_m_s,
+            kd_n_s_per_m: gains.kd_n_s_per_m,
+            feedforward_mass_error_percent: comparison.mass_error_percent,
+            terminal_force_n: round_to(terminal_force_n, 6),
+            terminal_force_per_coulomb: round_to(terminal_force_n / case.stage.friction.coulomb_n, 4),
+        }
+    }
+}
+
+impl StepOutcome {
+    fn new(case: &Case) -> Self {
+        let steps = &case.steps;
+        StepOutcome {
+            length_m: steps.step_m,
+            acceleration_m_per_s2: steps.acceleration_m_per_s2,
+            profile_ms: round_to(2e3 * (steps.step_m / steps.acceleration_m_per_s2).sqrt(), 3),
+            dwell_s: steps.dwell_s,
+        }
+    }
+}
+
+/// A settling experiment without its configurations, which stand beside it in full.
+fn without_configs<S: Serializer>(experiment: &SettlingExperiment, serializer: S) -> Result<S::Ok, S::Error> {
+    let mut map = serializer.serialize_map(None)?;
+    map.serialize_entry("moves", &experiment.moves)?;
+    map.serialize_entry("tolerances_nm", &experiment.tolerances_nm)?;
+    map.serialize_entry("reduction_percent", &experiment.reduction_percent)?;
+    map.end()
+}
+
+/// Parameters by their names, which carry the units.
+fn by_name<S: Serializer>(settings: &Settings, serializer: S) -> Result<S::Ok, S::Error> {
+    let named: BTreeMap<&str, f64> = TABLE.iter().map(|p| (p.name, p.get(settings))).collect();
+    named.serialize(serializer)
+}

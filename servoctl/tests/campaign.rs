@@ -1,0 +1,90 @@
+//! Campaigns: the same numbers for any number of threads and parts; what is left of one that was ended.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use servo_sim::Stage;
+use servoctl::reproduce::campaign::{Passes, Shard, Watch};
+use servoctl::reproduce::experiments::{Experiment, Plan, Request};
+use servoctl::reproduce::outcome::Outcome;
+use servoctl::reproduce::shard::{MergeError, ShardFile, merge};
+
+/// Three passes, the last of them of three moves.
+fn plan() -> Plan {
+    let mass_errors_percent = vec![1.0];
+    Request { experiment: Experiment::Exp2, moves: 23, seed: 7, mass_errors_percent, stage: Stage::default() }
+        .plan()
+        .unwrap()
+}
+
+fn part(plan: &Plan, number: u64, of: u64) -> (String, ShardFile) {
+    let shard = Shard { number, of };
+    let file = ShardFile::new(plan, shard, plan.campaign.run(shard, Watch::NOBODY).unwrap());
+    assert!(file.complete);
+    // As a file has it.
+    (format!("part {number}"), serde_json::from_str(&serde_json::to_string(&file).unwrap()).unwrap())
+}
+
+fn json(plan: &Plan, passes: &Passes) -> String {
+    serde_json::to_string(&Outcome::new(plan, passes)).unwrap()
+}
+
+#[test]
+fn threads_and_parts_do_not_show_in_the_result() {
+    let plan = plan();
+    let whole = plan.campaign.run(Shard::ALL, Watch::NOBODY).unwrap();
+    assert_eq!(whole.values().map(|cases| cases[0].len()).collect::<Vec<_>>(), [10, 10, 3]);
+    for threads in [1, 3] {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let same = pool.install(|| plan.campaign.run(Shard::ALL, Watch::NOBODY)).unwrap();
+        assert_eq!(same, whole, "{threads} threads");
+    }
+    // In any order.
+    let (request, _, joined) = merge(vec![part(&plan, 2, 2), part(&plan, 1, 2)]).unwrap();
+    assert_eq!(request, plan.request);
+    assert_eq!(json(&request.plan().unwrap(), &joined), json(&plan, &whole));
+    assert!(json(&plan, &whole).contains(r#""complete":true"#));
+}
+
+#[test]
+fn parts_that_do_not_make_a_whole_are_refused() {
+    let plan = plan();
+    let parts = [part(&plan, 1, 2), part(&plan, 2, 2)];
+    let refusal = |files: &[&(String, ShardFile)]| merge(files.iter().map(|f| (*f).clone()).collect()).unwrap_err();
+
+    assert_eq!(refusal(&[]), MergeError::Nothing);
+    assert_eq!(refusal(&[&parts[0]]), MergeError::Missing { count: 1, of: 3, first: 1, shard: 2, parts: 2 });
+    assert_eq!(refusal(&[&parts[0], &parts[0]]), MergeError::Twice { file: "part 1".into(), pass: 0 });
+    let mut other = parts[1].clone();
+    other.1.request.seed = 8;
+    assert!(matches!(refusal(&[&parts[0], &other]), MergeError::Different { .. }));
+    let mut older = parts[1].clone();
+    older.1.cases = "0".into();
+    assert!(matches!(refusal(&[&parts[0], &older]), MergeError::Different { .. }));
+    let mut foreign = parts[1].clone();
+    foreign.1.format = "something else".into();
+    assert!(matches!(refusal(&[&parts[0], &foreign]), MergeError::Format { .. }));
+}
+
+#[test]
+fn ended_early_it_keeps_the_passes_that_every_configuration_has_finished() {
+    let plan = plan();
+    let stop = AtomicBool::new(false);
+    // On one thread the cases of a pass come one after the other: the fourth of nine is the first of the second pass.
+    let done = std::sync::atomic::AtomicUsize::new(0);
+    let finished = |_| stop.store(done.fetch_add(1, Ordering::Relaxed) + 1 >= 4, Ordering::Relaxed);
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    let watch = Watch { stop: &stop, finished: &finished };
+    let passes = pool.install(|| plan.campaign.run(Shard::ALL, watch)).unwrap();
+    assert_eq!(passes.keys().copied().collect::<Vec<_>>(), [0]);
+    let outcome = Outcome::new(&plan, &passes);
+    assert!(!outcome.complete && outcome.runs[0].settling.moves == 10);
+    assert!(outcome.to_text().contains("Not complete: 10 of 23 moves"));
+}
+
+#[test]
+fn a_shard_is_written_as_i_of_n() {
+    assert_eq!("2/8".parse(), Ok(Shard { number: 2, of: 8 }));
+    for wrong in ["", "2", "0/8", "9/8", "1/0", "a/b", "-1/2", "1/2/3"] {
+        assert!(wrong.parse::<Shard>().is_err(), "{wrong}");
+    }
+}
