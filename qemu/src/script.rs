@@ -71,7 +71,9 @@ pub fn command(tick: u32) -> Result<Option<Command>, Refusal> {
         4_600 => Command::ResetFault, // frames stuck from 4,310 on
         4_610 => Command::Enable,
         // Every compensator in turn, from one short move to the next.
-        4_620..4_790 if tick % 20 == 0 => Command::Compensator(Compensator::ALL[(tick as usize - 4_620) / 20 % 8]),
+        4_620..4_790 if tick.is_multiple_of(20) => {
+            Command::Compensator(Compensator::ALL[(tick as usize - 4_620) / 20 % 8])
+        }
         4_621 => go(Position(-163_840), 0.5, 1.0),
         4_800 => Command::Disable,
         _ => return Ok(None),
