@@ -37,8 +37,6 @@ pub struct FastBench {
     /// Current at the beginning of the last period.
     measured_a: f64,
     moving: bool,
-    /// Set-point of the last tick, if it acts a tick late.
-    late_a: Option<f64>,
 }
 
 impl FastBench {
@@ -56,7 +54,6 @@ impl FastBench {
             bus_code: (stage.amplifier.bus_v / stage.adc.bus_full_scale_v * 65_536.0) as u16,
             measured_a: 0.0,
             moving: false,
-            late_a: None,
         })
     }
 
@@ -80,10 +77,7 @@ impl FastBench {
         let output = self.drive.tick(&inputs, command);
         self.moving = output.record.flags & flags::MOVING != 0;
         let demand = output.demand;
-        let mut setpoint_a = f64::from(demand.iq_a) + added_a;
-        if let Some(late_a) = &mut self.late_a {
-            setpoint_a = std::mem::replace(late_a, setpoint_a);
-        }
+        let setpoint_a = f64::from(demand.iq_a) + added_a;
         for _ in 0..PERIODS_PER_TICK {
             let currents_a = if demand.enabled {
                 self.current.period(setpoint_a, self.carriage.position_m(), self.carriage.velocity_m_per_s())
@@ -95,12 +89,6 @@ impl FastBench {
             self.carriage.advance(&self.step, STEPS_PER_PERIOD, from_n, to_n);
         }
         output
-    }
-
-    /// The same bench with a drive that computes for a whole servo period, as many do: its set-points act a tick later.
-    pub fn a_tick_late(mut self) -> Self {
-        self.late_a = Some(0.0);
-        self
     }
 
     /// Begins a move: [`Carriage::redraw_friction`], and the converters' noise restarted in the same way.

@@ -4,6 +4,7 @@ use std::sync::atomic::Ordering;
 
 use rayon::prelude::*;
 use serde::Serialize;
+use servo_core::SERVO_HZ;
 use servo_core::compensator::Compensator;
 use servo_core::parameters::Settings;
 use servo_core::refusal::Refusal;
@@ -92,7 +93,7 @@ pub struct Curve {
 pub struct Stability {
     /// Whether the rate limit (8.1) acts.
     pub rate_limited: bool,
-    /// Whether the drive computes for a whole servo period.
+    /// Whether the delay is a whole servo period more than the drive's.
     pub a_tick_late: bool,
     /// σ̂ (N/m).
     pub stiffness_n_per_m: f64,
@@ -180,9 +181,8 @@ fn with_niasa(settings: Settings, stiffness_n_per_m: f64, rate_per_s: f64) -> Se
     Settings { niasa_stiffness_n_per_m: stiffness_n_per_m, niasa_time_constant_s: 1.0 / rate_per_s, ..niasa }
 }
 
-fn enabled(stage: &Stage, settings: &Settings, seed: u64, a_tick_late: bool) -> Result<FastBench, Refusal> {
-    let bench = FastBench::new(stage, settings, seed)?;
-    let mut bench = if a_tick_late { bench.a_tick_late() } else { bench };
+fn enabled(stage: &Stage, settings: &Settings, seed: u64) -> Result<FastBench, Refusal> {
+    let mut bench = FastBench::new(stage, settings, seed)?;
     bench.enable()?;
     Ok(bench)
 }
@@ -193,7 +193,7 @@ fn measure(stage: &Stage, seed: u64, sweep: &Sweep) -> Result<Curve, Refusal> {
     let mut points: Vec<(f64, Complex)> = Vec::with_capacity(count);
     for i in 0..count {
         let hz = low_hz * libm::pow(high_hz / low_hz, i as f64 / (count - 1) as f64);
-        let mut bench = enabled(stage, &sweep.settings, seed, false)?;
+        let mut bench = enabled(stage, &sweep.settings, seed)?;
         // A tone that the drive refuses to follow leaves a gap.
         if let Ok(response) = play(&mut bench, &Tone::near(hz, amplitude_a, SHORTEST_S), LEAD_TICKS) {
             points.push((response.frequency_hz, response.loop_transmission));
@@ -251,7 +251,9 @@ fn stability(stage: &Stage, seed: u64, pid: &Settings) -> Result<Vec<Stability>,
     const LISTEN_TICKS: u32 = 800;
     let amplitude_a = SECTION_8_2_PERCENT[0] / 100.0 * stage.amplifier.full_scale_a;
     let left_over = |settings: &Settings, late: bool, excite: bool| -> Result<f64, Refusal> {
-        let mut bench = enabled(stage, settings, seed, late)?;
+        let mut stage = *stage;
+        stage.encoder.latency_s += if late { 1.0 / f64::from(SERVO_HZ) } else { 0.0 };
+        let mut bench = enabled(&stage, settings, seed)?;
         if excite && play(&mut bench, &Tone::near(TONE_HZ, amplitude_a, SHORTEST_S), LEAD_TICKS).is_err() {
             return Ok(f64::INFINITY);
         }
