@@ -234,9 +234,9 @@ impl Run {
             step: format!("{} at {} m/s²", length(self.step.length_m), self.step.acceleration_m_per_s2),
             tuning: self.tuning.name.clone(),
             plant: format!(
-                "{} kg, {:?} friction σ {:.2} N/µm, F_C {:.2} N{spread}",
+                "{} kg, {} friction σ {:.2} N/µm, F_C {:.2} N{spread}",
                 self.plant.mechanics.mass_kg,
-                friction.model,
+                friction.model.name(),
                 friction.stiffness_n_per_m * 1e-6,
                 friction.coulomb_n
             ),
