@@ -29,14 +29,25 @@ pub struct Limits {
     pub jerk_m_per_s3: Option<f32>,
 }
 
-/// A stretch of constant jerk.
+/// A stretch of constant jerk, as it begins.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Leg {
-    /// Where it ends, s from the start of the motion.
-    until_s: f64,
-    /// Acceleration at its beginning, m/s².
+    /// Since the start of the motion.
+    from_s: f64,
+    /// Distance covered.
+    from_m: f64,
+    velocity_m_per_s: f64,
     acceleration_m_per_s2: f64,
     jerk_m_per_s3: f64,
+}
+
+impl Leg {
+    /// Distance covered (m), speed and acceleration, `s` seconds after the beginning.
+    #[inline]
+    fn after(&self, s: f64) -> (f64, f64, f64) {
+        let (v, a, js) = (self.velocity_m_per_s, self.acceleration_m_per_s2, self.jerk_m_per_s3 * s);
+        (self.from_m + s * (v + s * (0.5 * a + js * (1.0 / 6.0))), v + s * (a + 0.5 * js), a + js)
+    }
 }
 
 /// A rest-to-rest motion, time-optimal for its limits; or a stop with constant deceleration.
@@ -49,20 +60,18 @@ pub struct Profile {
     target: Position,
     tick: u32,
     end_tick: u32,
+    end_s: f64,
     counts_per_m: f64,
+    /// The legs there are; those that are not begin at the end.
     legs: [Leg; 7],
     /// Index of the leg that runs.
     leg: usize,
-    /// Where and how fast it began.
-    leg_from_s: f64,
-    leg_from_m: f64,
-    leg_from_m_per_s: f64,
 }
 
 impl Profile {
     /// Standing still at `position`.
     pub fn at_rest(position: Position) -> Self {
-        Self::of_legs(position, position, 1.0, 0.0, [Leg::default(); 7])
+        Self::of_legs(position, position, 1.0, 0.0, &[])
     }
 
     /// From rest at `start` to rest at `target`, as fast as `limits` allow: speed is a trapezoid or a triangle, its corners rounded
@@ -78,12 +87,12 @@ impl Profile {
         if ramp_s == 0.0 {
             return Self::at_rest(target);
         }
-        // A ramp covers what half its time at full speed would.
         let (jerk, acceleration) = match jerk {
             Some(jerk) => (jerk, jerk * ease_s),
             None => (0.0, acceleration),
         };
         let peak = acceleration * (ramp_s - ease_s);
+        // A ramp covers what half its time at full speed would.
         let cruise_s = (distance_m / peak - ramp_s).max(0.0);
         let hold_s = ramp_s - 2.0 * ease_s;
         let legs = [
@@ -95,12 +104,7 @@ impl Profile {
             (hold_s, -acceleration, 0.0),
             (ease_s, -acceleration, jerk),
         ];
-        let mut until_s = 0.0;
-        let legs = legs.map(|(length_s, acceleration_m_per_s2, jerk_m_per_s3)| {
-            until_s += length_s;
-            Leg { until_s, acceleration_m_per_s2, jerk_m_per_s3 }
-        });
-        Self::of_legs(start, target, count_m, 0.0, legs)
+        Self::of_legs(start, target, count_m, 0.0, &legs)
     }
 
     /// From `start`, moving at `velocity_m_per_s` (signed), to rest with constant `deceleration_m_per_s2`.
@@ -110,22 +114,38 @@ impl Profile {
         let (speed, deceleration) = (f64::from(velocity_m_per_s).abs(), f64::from(deceleration_m_per_s2));
         let counts = (speed * speed / (2.0 * deceleration) / count_m + 0.5) as i64;
         let target = start.plus(if velocity_m_per_s < 0.0 { -counts } else { counts });
-        let brake = Leg { until_s: speed / deceleration, acceleration_m_per_s2: -deceleration, jerk_m_per_s3: 0.0 };
-        Self::of_legs(start, target, count_m, speed, [brake; 7])
+        Self::of_legs(start, target, count_m, speed, &[(speed / deceleration, -deceleration, 0.0)])
     }
 
-    fn of_legs(start: Position, target: Position, count_m: f64, speed_m_per_s: f64, legs: [Leg; 7]) -> Self {
+    /// One leg after the other: length (s), acceleration at its beginning, jerk. Legs of no length are left out.
+    fn of_legs(
+        start: Position,
+        target: Position,
+        count_m: f64,
+        velocity_m_per_s: f64,
+        lengths: &[(f64, f64, f64)],
+    ) -> Self {
+        let mut next = Leg { velocity_m_per_s, ..Leg::default() };
+        let mut legs = [next; 7];
+        let mut count = 0;
+        for &(length_s, acceleration_m_per_s2, jerk_m_per_s3) in lengths.iter().filter(|(length_s, ..)| *length_s > 0.0)
+        {
+            let leg = Leg { acceleration_m_per_s2, jerk_m_per_s3, ..next };
+            legs[count] = leg;
+            count += 1;
+            let (from_m, velocity_m_per_s, _) = leg.after(length_s);
+            next = Leg { from_s: leg.from_s + length_s, from_m, velocity_m_per_s, ..Leg::default() };
+        }
+        legs[count..].fill(next);
         Profile {
             start,
             target,
             tick: 0,
-            end_tick: libm::ceil(legs[6].until_s / f64::from(SERVO_DT_S)) as u32,
+            end_tick: libm::ceil(next.from_s / f64::from(SERVO_DT_S)) as u32,
+            end_s: next.from_s,
             counts_per_m: 1.0 / count_m,
             legs,
             leg: 0,
-            leg_from_s: 0.0,
-            leg_from_m: 0.0,
-            leg_from_m_per_s: speed_m_per_s,
         }
     }
 
@@ -136,7 +156,7 @@ impl Profile {
 
     /// Time from start to end, s. The reference is on target from the first tick at or after it.
     pub fn duration_s(&self) -> f64 {
-        self.legs[6].until_s
+        self.end_s
     }
 
     /// The last set-point given was the target.
@@ -155,13 +175,13 @@ impl Profile {
             return Setpoint { position: self.target, velocity_m_per_s: 0.0, acceleration_m_per_s2: 0.0, done: true };
         }
         let t = f64::from(self.tick) * f64::from(SERVO_DT_S);
-        while t >= self.legs[self.leg].until_s && self.leg < 6 {
-            let until_s = self.legs[self.leg].until_s;
-            (self.leg_from_m, self.leg_from_m_per_s, _) = self.at(until_s);
-            self.leg_from_s = until_s;
+        while let Some(next) = self.legs.get(self.leg + 1)
+            && t >= next.from_s
+        {
             self.leg += 1;
         }
-        let (covered_m, speed, acceleration) = self.at(t);
+        let leg = &self.legs[self.leg];
+        let (covered_m, speed, acceleration) = leg.after(t - leg.from_s);
         // Counts covered fit u32 (range above), which converts in one instruction where i64 takes a library call.
         let counts = i64::from((covered_m * self.counts_per_m + 0.5) as u32);
         let forward = self.target >= self.start;
@@ -172,16 +192,6 @@ impl Profile {
             acceleration_m_per_s2: sign * acceleration as f32,
             done: false,
         }
-    }
-
-    /// Distance covered (m), speed and acceleration at `t` seconds, in the leg that runs.
-    #[inline]
-    fn at(&self, t: f64) -> (f64, f64, f64) {
-        let Leg { acceleration_m_per_s2: a, jerk_m_per_s3: j, .. } = self.legs[self.leg];
-        let s = t - self.leg_from_s;
-        let js = j * s;
-        let v = self.leg_from_m_per_s;
-        (self.leg_from_m + s * (v + s * (0.5 * a + js * (1.0 / 6.0))), v + s * (a + 0.5 * js), a + js)
     }
 }
 
