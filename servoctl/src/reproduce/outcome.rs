@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use serde::ser::SerializeMap;
 use serde::{Serialize, Serializer};
 use servo_core::SERVO_HZ;
+use servo_core::compensator::Compensator;
 use servo_core::parameters::{Settings, TABLE};
 use servo_sim::Stage;
 
@@ -281,7 +282,7 @@ impl ConfigOutcome {
         ConfigOutcome {
             settling: settling.clone(),
             reduction_percent: means.map(|(before, after)| reduction_percent((*before)?, (*after)?)).collect(),
-            compensator: format!("{:?}", case.compensator).to_lowercase(),
+            compensator: Compensator::ALL[case.settings.compensator as usize].name().to_owned(),
             faults: moves.iter().filter(|m| m.fault.is_some()).count(),
             tracking_rms_nm: rms_nm(|m| m.tracking),
             end_error_rms_nm: rms_nm(|m| m.end),
