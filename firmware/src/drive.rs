@@ -29,6 +29,7 @@ const RECORDS: usize = 128;
 
 /// What tasks hand to the servo tick; it takes one per tick.
 #[derive(Clone, Copy)]
+#[expect(clippy::large_enum_variant, reason = "there is no allocator to box with")]
 pub enum Order {
     /// For the drive, answered by an outcome.
     Command(Command),
@@ -65,15 +66,20 @@ impl Control for InInterrupts {
     }
 
     fn on_servo(&mut self, sample: &ServoSample) -> Bridge {
-        let command = match self.orders.dequeue() {
+        // Looked at in its place in the queue: a copy of it is long.
+        let order = self.orders.peek();
+        let command = match order {
             Some(Order::Command(command)) => Some(command),
             Some(Order::Capture(order)) => {
-                self.axis.arm_capture(order);
+                self.axis.arm_capture(*order);
                 None
             }
             None => None,
         };
         let output = self.axis.on_servo(sample, command);
+        if order.is_some() {
+            let _ = self.orders.dequeue();
+        }
         if let Some(outcome) = output.outcome {
             // As many fit as orders, so there is room.
             let _ = self.outcomes.enqueue(outcome);

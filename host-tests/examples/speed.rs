@@ -69,7 +69,7 @@ impl Straightforward {
             bridge_fault: false,
             last_tick_cycles: 4_000,
         };
-        let demand = self.drive.tick(&inputs, command).demand;
+        let demand = self.drive.tick(&inputs, command.as_ref()).demand;
         let dt_s = 1.0 / f64::from(PWM_HZ * STEPS_PER_PERIOD);
         for _ in 0..PERIODS_PER_TICK {
             let noise_a = stage.amplifier.full_scale_a / 32_768.0 * self.current_noise.normal();

@@ -300,9 +300,9 @@ impl Run {
 /// A plant in words.
 pub(super) fn plant(stage: &Stage) -> String {
     format!(
-        "{} kg, {:?} friction σ {:.2} N/µm, F_C {:.2} N",
+        "{} kg, {} friction σ {:.2} N/µm, F_C {:.2} N",
         stage.mechanics.mass_kg,
-        stage.friction.model,
+        stage.friction.model.name(),
         stage.friction.stiffness_n_per_m * 1e-6,
         stage.friction.coulomb_n
     )

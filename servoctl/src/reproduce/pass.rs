@@ -178,6 +178,7 @@ fn warm_up_limits(case: &Case) -> Limits {
     Limits {
         velocity_m_per_s: s.velocity_max_m_per_s as f32,
         acceleration_m_per_s2: s.acceleration_max_m_per_s2.min(1.0) as f32,
+        jerk_m_per_s3: None,
     }
 }
 
