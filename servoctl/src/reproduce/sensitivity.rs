@@ -16,17 +16,14 @@ const DWELL_S: f64 = 2.0;
 /// (4.17 to 16.79 N/µm for a mean of 8.46), and that of F_C in the built-in stage file (0.3 to 1.1 N for 0.64).
 const CORNERS: ([f64; 3], [f64; 3]) = ([4.17 / 8.46, 1.0, 16.79 / 8.46], [0.3 / 0.64, 1.0, 1.1 / 0.64]);
 
-/// One parameter: name of the comparison, values in words, and what each makes of the settings.
-type Variation = (&'static str, Vec<(String, fn(Settings, f64) -> Settings, f64)>);
+/// One value of a parameter: in words, what it makes of the settings, and its factor on the nominal one.
+type Value = (String, fn(Settings, f64) -> Settings, f64);
+
+/// One parameter: name of the comparison, and its values.
+type Variation = (&'static str, Vec<Value>);
 
 /// Factors on a parameter with their names.
-fn factors(
-    what: &str,
-    unit: &str,
-    nominal: f64,
-    factors: &[f64],
-    change: fn(Settings, f64) -> Settings,
-) -> Vec<(String, fn(Settings, f64) -> Settings, f64)> {
+fn factors(what: &str, unit: &str, nominal: f64, factors: &[f64], change: fn(Settings, f64) -> Settings) -> Vec<Value> {
     factors.iter().map(|f| (format!("{what} {:.3} {unit}", nominal * f), change, *f)).collect()
 }
 

@@ -138,6 +138,8 @@ pub(crate) mod tests {
             tracking_rms_nm: None,
             end_error_rms_nm: Some(31.0),
             after_settling_rms_nm: None,
+            steady_error_nm: None,
+            restless_nm: None,
             parameters: Settings::default(),
         };
         Run {
