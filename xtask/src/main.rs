@@ -13,6 +13,7 @@ mod docs;
 mod embedded;
 mod firmware;
 mod host;
+mod parameter_page;
 mod process;
 mod qemu;
 mod setup;
