@@ -17,7 +17,7 @@ fn bench() -> Bench {
 
 fn to(target_m: f64, velocity_m_per_s: f32, acceleration_m_per_s2: f32) -> Command {
     let target = Position((target_m / (4e-6 / 65536.0)).round() as i64);
-    Command::Move { target, limits: Limits { velocity_m_per_s, acceleration_m_per_s2 } }
+    Command::Move { target, limits: Limits { velocity_m_per_s, acceleration_m_per_s2, jerk_m_per_s3: None } }
 }
 
 #[test]
