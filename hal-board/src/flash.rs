@@ -112,7 +112,9 @@ impl ParameterFlash {
                 for (offset, bytes) in word.as_chunks().0.iter().enumerate() {
                     // SAFETY: within a parameter sector, which holds no code and no object of the program.
                     unsafe {
-                        with_exposed_provenance_mut::<u32>(address).add(offset).write_volatile(u32::from_le_bytes(*bytes));
+                        with_exposed_provenance_mut::<u32>(address)
+                            .add(offset)
+                            .write_volatile(u32::from_le_bytes(*bytes));
                     }
                 }
                 cortex_m::asm::dsb();
