@@ -151,16 +151,21 @@ pub struct Save {
     target: Current,
     words: [Word; WORDS],
     seal: Word,
-    done: usize,
+    done: u16,
 }
 
 impl Save {
     /// Number of steps of every save.
-    pub const STEPS: usize = 1 + WORDS + 2;
+    pub const STEPS: u16 = 1 + WORDS as u16 + 2;
 
     /// What the image will be when the last step is done. If a step fails, this sector is to be erased: the image in use is in the other one.
     pub fn target(&self) -> Current {
         self.target
+    }
+
+    /// Steps handed out so far, of [`Save::STEPS`].
+    pub fn done(&self) -> u16 {
+        self.done
     }
 }
 
@@ -169,11 +174,13 @@ impl Iterator for Save {
 
     fn next(&mut self) -> Option<Step> {
         let slot = self.target.slot;
-        let step = match self.done {
-            0 => Step::Erase(slot),
-            n if n <= WORDS => Step::Program { slot, index: n as u32 - 1, word: self.words[n - 1] },
-            n if n < Self::STEPS => Step::Program { slot, index: n as u32 - 1, word: self.seal },
-            _ => return None,
+        let step = match self.done.checked_sub(1) {
+            _ if self.done == Self::STEPS => return None,
+            None => Step::Erase(slot),
+            Some(index) => {
+                let word = self.words.get(usize::from(index)).copied().unwrap_or(self.seal);
+                Step::Program { slot, index: index.into(), word }
+            }
         };
         self.done += 1;
         Some(step)

@@ -6,6 +6,9 @@ use servo_core::image::{BLANK, Word};
 use servo_core::parameters::Settings;
 use servo_core::store::{Opened, Save, Slot, Step, Store};
 
+/// Steps of a save: the erasure, the words, two seals.
+const STEPS: usize = Save::STEPS as usize;
+
 /// Words of a sector that are simulated; those behind stay erased.
 const WORDS: usize = 200;
 
@@ -191,7 +194,7 @@ fn without_power_cuts_the_last_save_counts() {
 fn a_power_cut_in_any_step_of_a_save_leaves_the_old_image_or_the_new_one() {
     for saves_before in 0..3 {
         let (mut old, mut new) = (0, 0);
-        for cut in 0..Save::STEPS {
+        for cut in 0..STEPS {
             for seed in 0..200 {
                 let mut bench = Bench::after_saves(seed, saves_before);
                 let before = bench.allowed[0];
@@ -204,7 +207,7 @@ fn a_power_cut_in_any_step_of_a_save_leaves_the_old_image_or_the_new_one() {
                 } else {
                     new += 1
                 }
-                assert!(cut >= Save::STEPS - 2 || bench.allowed == [before], "step {cut} is before the first seal");
+                assert!(cut >= STEPS - 2 || bench.allowed == [before], "step {cut} is before the first seal");
             }
         }
         assert!(old > 0 && new > 0, "{old} {new}");
@@ -213,9 +216,9 @@ fn a_power_cut_in_any_step_of_a_save_leaves_the_old_image_or_the_new_one() {
 
 #[test]
 fn two_power_cuts_in_a_row_lose_nothing_either() {
-    for first in 0..Save::STEPS {
+    for first in 0..STEPS {
         for settling in [None, Some(0), Some(1), Some(2)] {
-            for second in 0..Save::STEPS {
+            for second in 0..STEPS {
                 for seed in 0..8 {
                     let mut bench = Bench::after_saves(seed, 2);
                     bench.save(Some(first));
@@ -243,8 +246,8 @@ enum Event {
 fn any_events() -> impl Strategy<Value = Vec<Event>> {
     let event = prop_oneof![
         proptest::option::weighted(0.3, 0..4usize).prop_map(Event::PowerUp),
-        proptest::option::weighted(0.7, 0..Save::STEPS).prop_map(Event::Save),
-        proptest::option::weighted(0.7, Save::STEPS - 3..Save::STEPS).prop_map(Event::Save),
+        proptest::option::weighted(0.7, 0..STEPS).prop_map(Event::Save),
+        proptest::option::weighted(0.7, STEPS - 3..STEPS).prop_map(Event::Save),
     ];
     proptest::collection::vec(event, 1..60)
 }
@@ -276,7 +279,7 @@ fn a_drive_that_does_not_settle_is_found_out() {
     let outcome = |careless| {
         (0..2_000).try_for_each(|seed| {
             let mut bench = Bench { careless, ..Bench::after_saves(seed, 2) };
-            bench.save(Some(Save::STEPS - 2));
+            bench.save(Some(STEPS - 2));
             bench.power_up(None)?;
             bench.save(Some(0));
             (0..3).try_for_each(|_| bench.power_up(None))

@@ -73,7 +73,7 @@ fn again<T: serde::Serialize + serde::de::DeserializeOwned>(id: u16, message: &T
 
 /// Requests of every shape.
 pub fn seeds() -> Vec<Vec<u8>> {
-    let limits = Limits { velocity_m_per_s: 0.5, acceleration_m_per_s2: 1.0 };
+    let limits = Limits { velocity_m_per_s: 0.5, acceleration_m_per_s2: 1.0, jerk_m_per_s3: None };
     let requests = [
         Request::Identity,
         Request::Status,
