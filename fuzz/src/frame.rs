@@ -7,11 +7,11 @@ use servo_core::profile::Limits;
 use servo_protocol::frame::{Collector, FrameError, MAX_FRAME, MAX_PAYLOAD, encode};
 use servo_protocol::message::{Reply, Request};
 
-/// Feeds the bytes to a collector of requests and to one of replies: as they come, then each piece between zeros with a right checksum
-/// around it, which no fuzzer would find by itself.
+/// Feeds the bytes to a collector of requests and to one of replies: as they come, then as the message of one frame with a right checksum,
+/// which no fuzzer would find by itself.
 ///
 /// # Panics
-/// Where a message that was read is not read again from its own frame.
+/// Where a message that was read is not read again from its own frame, or a frame that is right is not taken for one.
 pub fn check(bytes: &[u8]) {
     let (mut requests, mut replies) = (Collector::default(), Collector::default());
     for byte in bytes {
@@ -22,24 +22,26 @@ pub fn check(bytes: &[u8]) {
             again(id, &reply);
         }
     }
-    let payload = &bytes[..bytes.len().min(MAX_PAYLOAD)];
-    let line = around(payload);
+    let (mut requests, mut replies) = (Collector::default(), Collector::default());
+    let line = around(&bytes[..bytes.len().min(MAX_PAYLOAD)]);
     for byte in &line {
-        if let Some(Ok((id, request))) = requests.push::<Request>(*byte) {
-            again(id, &request);
+        match requests.push::<Request>(*byte) {
+            Some(Ok((id, request))) => again(id, &request),
+            Some(Err(error)) => assert_eq!(error, FrameError::Content),
+            None => {}
         }
         match replies.push::<Reply>(*byte) {
             Some(Ok((id, reply))) => again(id, &reply),
-            Some(Err(error)) => assert_ne!(error, FrameError::TooLong),
+            Some(Err(error)) => assert_eq!(error, FrameError::Content),
             None => {}
         }
     }
 }
 
-/// A frame with these bytes as its message, behind a zero that ends whatever came before.
+/// A frame with these bytes as its message.
 fn around(payload: &[u8]) -> Vec<u8> {
     let checksum = crc::Crc::<u16>::new(&crc::CRC_16_IBM_SDLC).checksum(payload).to_le_bytes();
-    let mut line = vec![0];
+    let mut line = Vec::new();
     // Byte stuffing by its definition: each run of non-zero bytes behind its length + 1, at most 254 of them.
     let plain: Vec<u8> = payload.iter().copied().chain(checksum).collect();
     for (number, run) in plain.split(|byte| *byte == 0).enumerate() {

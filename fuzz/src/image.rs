@@ -3,7 +3,7 @@
 use crc::{CRC_32_ISO_HDLC, Crc};
 use servo_core::image::{self, BLANK, WORD_BYTES, Word};
 use servo_core::parameters::Settings;
-use servo_core::store::{Opened, Slot, Step, Store};
+use servo_core::store::{Opened, Step, Store};
 
 /// Words that a sector of the input may have.
 const WORDS: usize = 64;
@@ -46,7 +46,7 @@ pub fn check(bytes: &[u8]) {
         carry_out(&mut flash, step);
     }
     let settled = open(&flash);
-    assert_eq!((settled.settings, settled.store.newest()), (opened.settings, newest));
+    assert_eq!((settled.settings.ok(), settled.store.newest()), (opened.settings.ok(), newest));
 
     let mut store = settled.store;
     let settings = Settings { niasa_coulomb_n: 0.123, ..settled.settings.unwrap_or_default() };
