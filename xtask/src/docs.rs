@@ -4,8 +4,10 @@ use anyhow::{Context, Result};
 
 use crate::parameter_page;
 
-/// The pages: where they are, and what makes them.
-const PAGES: [(&str, fn() -> String); 1] = [("docs/parameters.md", parameter_page::parameters)];
+/// Where a page is, and what makes it.
+type Page = (&'static str, fn() -> String);
+
+const PAGES: [Page; 1] = [("docs/parameters.md", parameter_page::parameters)];
 
 /// Writes every page anew and says which ones have changed.
 ///

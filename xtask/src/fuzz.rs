@@ -183,7 +183,7 @@ fn fuzz(target: &Target, program: &Path, work: &Path, kept: &Path, minutes: f64)
         let line = line.context("the fuzzer's output")?;
         figures.read(&line);
         // Every new input is a line: too many to watch.
-        if !line.contains("NEW ") && !line.contains("REDUCE ") {
+        if !["NEW ", "NEW_FUNC", "REDUCE "].iter().any(|news| line.contains(news)) {
             eprintln!("{line}");
         }
     }
@@ -200,7 +200,10 @@ fn minimise(target: &Target, program: &Path, work: &Path, kept: &Path) -> Result
         std::fs::remove_dir_all(&fewest).with_context(|| format!("emptying {}", fewest.display()))?;
     }
     std::fs::create_dir_all(&fewest).with_context(|| format!("creating {}", fewest.display()))?;
-    process::capture(Command::new(program).arg("-set_cover_merge=1").args([&fewest, kept, work]), "minimising")?;
+    process::capture(
+        Command::new(program).args(["-set_cover_merge=1", "-use_counters=0"]).args([&fewest, kept, work]),
+        "minimising",
+    )?;
     for old in std::fs::read_dir(kept).context("the corpus")? {
         std::fs::remove_file(old.context("the corpus")?.path()).context("the corpus")?;
     }
