@@ -44,7 +44,7 @@ fn saving_is_refused_from_the_tick_of_the_enable_command_to_that_of_disable() {
     bench.run(5, |_| ());
     bench.command(Command::Enable).unwrap();
     for _ in 0..6 {
-        assert_eq!(bench.command(Command::BeginSave), Err(Refusal::WrongState(bench.axis.drive().state())));
+        assert!(matches!(bench.command(Command::BeginSave), Err(Refusal::WrongState(_))));
     }
     assert_eq!(bench.axis.drive().state(), State::OperationEnabled, "refusing costs nothing");
     bench.command(Command::Disable).unwrap();
