@@ -109,7 +109,9 @@ impl Session {
     pub fn commission(&mut self, settings: &Settings) -> Result<(), Error> {
         self.configure(settings)?;
         self.save_parameters()?;
-        self.order(&Request::ResetFault)
+        self.order(&Request::ResetFault)?;
+        // A status is up to 5 ms old: none from before the reset shall be taken for one after it.
+        self.board.run_for(Duration::from_millis(10))
     }
 
     /// Saves the parameters in use and waits until they are stored.
