@@ -5,6 +5,7 @@
 //! Everything that prints numbers takes [`output::Json`] as `#[command(flatten)]` and ends with
 //! [`output::Json::write`]; progress goes to standard error.
 
+pub mod fit;
 pub mod interrupt;
 pub mod merge;
 pub mod output;
@@ -32,6 +33,9 @@ pub enum Command {
     Theory(theory::Options),
     /// An experiment of the thesis, simulated: the drive of the firmware on a simulated stage
     Reproduce(reproduce::Options),
+    /// Friction models fitted to measured force or current over position
+    #[command(subcommand)]
+    Fit(fit::Options),
     /// Join the parts of an experiment that `reproduce --shard` computed
     Merge(merge::Options),
 }
@@ -55,6 +59,7 @@ pub fn run(command: &Command) -> anyhow::Result<()> {
     match command {
         Command::Theory(options) => theory::run(options),
         Command::Reproduce(options) => reproduce::run(options),
+        Command::Fit(options) => fit::run(options),
         Command::Merge(options) => merge::run(options),
     }
 }
