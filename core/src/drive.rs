@@ -428,9 +428,13 @@ impl Drive {
             let (value, min, max) = (in_m(target), in_m(k.travel_min), in_m(k.travel_max));
             return Err(Refusal::OutOfRange { field: Field::Target, value, min, max });
         }
-        Refusal::check(Field::Velocity, f64::from(limits.velocity_m_per_s), 1e-9, f64::from(k.velocity_max_m_per_s))?;
+        // The lowest: what makes the longest distance take a day, in ticks that fit their counter.
+        Refusal::check(Field::Velocity, f64::from(limits.velocity_m_per_s), 1e-6, f64::from(k.velocity_max_m_per_s))?;
         let acceleration = f64::from(limits.acceleration_m_per_s2);
         Refusal::check(Field::Acceleration, acceleration, 1e-9, f64::from(k.acceleration_max_m_per_s2))?;
+        if let Some(jerk) = limits.jerk_m_per_s3 {
+            Refusal::check(Field::Jerk, f64::from(jerk), 1e-6, 1e9)?;
+        }
         self.profile = Profile::between(self.reference.position, target, limits, k.count_m);
         // What the last move's settling took becomes the linear integrator's, or the two would drift apart move by move.
         self.merge_integrals();

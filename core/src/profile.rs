@@ -1,4 +1,4 @@
-//! Point-to-point profiles: trapezoids and triangles that end on the exact integer target.
+//! Point-to-point profiles, with or without a limit of jerk, that end on the exact integer target.
 
 use crate::SERVO_DT_S;
 use crate::position::Position;
@@ -16,7 +16,7 @@ pub struct Setpoint {
     pub done: bool,
 }
 
-/// Speed and acceleration limits of a motion.
+/// Limits of a motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -25,57 +25,86 @@ pub struct Limits {
     pub velocity_m_per_s: f32,
     /// Acceleration and deceleration, m/s², above 0.
     pub acceleration_m_per_s2: f32,
+    /// Jerk, m/s³, above 0: an S-curve; `None`: acceleration steps, a trapezoid or triangle of speed.
+    pub jerk_m_per_s3: Option<f32>,
 }
 
-/// A rest-to-rest motion with constant acceleration, an optional cruise and the same deceleration.
+/// A stretch of constant jerk, as it begins.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Leg {
+    /// Since the start of the motion.
+    from_s: f64,
+    /// Distance covered.
+    from_m: f64,
+    velocity_m_per_s: f64,
+    acceleration_m_per_s2: f64,
+    jerk_m_per_s3: f64,
+}
+
+impl Leg {
+    /// Distance covered (m), speed and acceleration, `s` seconds after the beginning.
+    #[inline]
+    fn after(&self, s: f64) -> (f64, f64, f64) {
+        let (v, a, js) = (self.velocity_m_per_s, self.acceleration_m_per_s2, self.jerk_m_per_s3 * s);
+        (self.from_m + s * (v + s * (0.5 * a + js * (1.0 / 6.0))), v + s * (a + 0.5 * js), a + js)
+    }
+}
+
+/// A rest-to-rest motion, time-optimal for its limits; or a stop with constant deceleration.
 ///
-/// The distance covered is evaluated in closed form from the tick number (`f64`, hardware on the target), so that no error
-/// accumulates: the deceleration counts back from the target and the last set-point *is* the target.
+/// Up to seven legs of constant jerk. Within a leg the distance covered is a polynomial of the time since its beginning (`f64`,
+/// hardware on the target), so that no error accumulates from tick to tick; the last set-point *is* the target.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Profile {
     start: Position,
     target: Position,
     tick: u32,
     end_tick: u32,
-    counts_per_m: f64,
-    distance_m: f64,
-    acceleration_m_per_s2: f64,
-    peak_m_per_s: f64,
-    accelerate_until_s: f64,
-    decelerate_from_s: f64,
     end_s: f64,
+    counts_per_m: f64,
+    /// The legs there are; those that are not begin at the end.
+    legs: [Leg; 7],
+    /// Index of the leg that runs.
+    leg: usize,
 }
 
 impl Profile {
     /// Standing still at `position`.
     pub fn at_rest(position: Position) -> Self {
-        Profile {
-            start: position,
-            target: position,
-            tick: 0,
-            end_tick: 0,
-            counts_per_m: 1.0,
-            distance_m: 0.0,
-            acceleration_m_per_s2: 0.0,
-            peak_m_per_s: 0.0,
-            accelerate_until_s: 0.0,
-            decelerate_from_s: 0.0,
-            end_s: 0.0,
-        }
+        Self::of_legs(position, position, 1.0, 0.0, &[])
     }
 
-    /// From rest at `start` to rest at `target`: a triangle if the distance is too short to reach `limits.velocity_m_per_s`,
-    /// else a trapezoid.
+    /// From rest at `start` to rest at `target`, as fast as `limits` allow: speed is a trapezoid or a triangle, its corners rounded
+    /// where jerk is limited.
     ///
     /// # Range
     /// Limits are finite and above 0 (the caller's check); the distance is below 2³² counts. `count_m` is metres per count.
     pub fn between(start: Position, target: Position, limits: Limits, count_m: f64) -> Self {
         let distance_m = (target.0.wrapping_sub(start.0)).unsigned_abs() as f64 * count_m;
-        let acceleration = f64::from(limits.acceleration_m_per_s2);
-        let peak = f64::from(limits.velocity_m_per_s).min(libm::sqrt(acceleration * distance_m));
-        let ramp_s = peak / acceleration;
-        let cruise_s = if peak > 0.0 { (distance_m / peak - ramp_s).max(0.0) } else { 0.0 };
-        Self::timed(start, target, count_m, distance_m, acceleration, peak, [ramp_s, cruise_s, ramp_s])
+        let (velocity, acceleration) = (f64::from(limits.velocity_m_per_s), f64::from(limits.acceleration_m_per_s2));
+        let jerk = limits.jerk_m_per_s3.map(f64::from);
+        let [ease_s, ramp_s] = ramp(distance_m, velocity, acceleration, jerk);
+        if ramp_s == 0.0 {
+            return Self::at_rest(target);
+        }
+        let (jerk, acceleration) = match jerk {
+            Some(jerk) => (jerk, jerk * ease_s),
+            None => (0.0, acceleration),
+        };
+        let peak = acceleration * (ramp_s - ease_s);
+        // A ramp covers what half its time at full speed would.
+        let cruise_s = (distance_m / peak - ramp_s).max(0.0);
+        let hold_s = ramp_s - 2.0 * ease_s;
+        let legs = [
+            (ease_s, 0.0, jerk),
+            (hold_s, acceleration, 0.0),
+            (ease_s, acceleration, -jerk),
+            (cruise_s, 0.0, 0.0),
+            (ease_s, 0.0, -jerk),
+            (hold_s, -acceleration, 0.0),
+            (ease_s, -acceleration, jerk),
+        ];
+        Self::of_legs(start, target, count_m, 0.0, &legs)
     }
 
     /// From `start`, moving at `velocity_m_per_s` (signed), to rest with constant `deceleration_m_per_s2`.
@@ -83,35 +112,40 @@ impl Profile {
     /// The target is the count nearest to where that ends. Ranges as in [`Profile::between`].
     pub fn stopping(start: Position, velocity_m_per_s: f32, deceleration_m_per_s2: f32, count_m: f64) -> Self {
         let (speed, deceleration) = (f64::from(velocity_m_per_s).abs(), f64::from(deceleration_m_per_s2));
-        let distance_m = speed * speed / (2.0 * deceleration);
-        let counts = (distance_m / count_m + 0.5) as i64;
+        let counts = (speed * speed / (2.0 * deceleration) / count_m + 0.5) as i64;
         let target = start.plus(if velocity_m_per_s < 0.0 { -counts } else { counts });
-        Self::timed(start, target, count_m, distance_m, deceleration, speed, [0.0, 0.0, speed / deceleration])
+        Self::of_legs(start, target, count_m, speed, &[(speed / deceleration, -deceleration, 0.0)])
     }
 
-    fn timed(
+    /// One leg after the other: length (s), acceleration at its beginning, jerk. Legs of no length are left out.
+    fn of_legs(
         start: Position,
         target: Position,
         count_m: f64,
-        distance_m: f64,
-        acceleration_m_per_s2: f64,
-        peak_m_per_s: f64,
-        legs_s: [f64; 3],
+        velocity_m_per_s: f64,
+        lengths: &[(f64, f64, f64)],
     ) -> Self {
-        let [accelerate, cruise, decelerate] = legs_s;
-        let end_s = accelerate + cruise + decelerate;
+        let mut next = Leg { velocity_m_per_s, ..Leg::default() };
+        let mut legs = [next; 7];
+        let mut count = 0;
+        for &(length_s, acceleration_m_per_s2, jerk_m_per_s3) in lengths.iter().filter(|(length_s, ..)| *length_s > 0.0)
+        {
+            let leg = Leg { acceleration_m_per_s2, jerk_m_per_s3, ..next };
+            legs[count] = leg;
+            count += 1;
+            let (from_m, velocity_m_per_s, _) = leg.after(length_s);
+            next = Leg { from_s: leg.from_s + length_s, from_m, velocity_m_per_s, ..Leg::default() };
+        }
+        legs[count..].fill(next);
         Profile {
             start,
             target,
             tick: 0,
-            end_tick: libm::ceil(end_s / f64::from(SERVO_DT_S)) as u32,
+            end_tick: libm::ceil(next.from_s / f64::from(SERVO_DT_S)) as u32,
+            end_s: next.from_s,
             counts_per_m: 1.0 / count_m,
-            distance_m,
-            acceleration_m_per_s2,
-            peak_m_per_s,
-            accelerate_until_s: accelerate,
-            decelerate_from_s: accelerate + cruise,
-            end_s,
+            legs,
+            leg: 0,
         }
     }
 
@@ -141,16 +175,13 @@ impl Profile {
             return Setpoint { position: self.target, velocity_m_per_s: 0.0, acceleration_m_per_s2: 0.0, done: true };
         }
         let t = f64::from(self.tick) * f64::from(SERVO_DT_S);
-        let a = self.acceleration_m_per_s2;
-        let (covered_m, speed, acceleration) = if t < self.accelerate_until_s {
-            (0.5 * a * t * t, a * t, a)
-        } else if t < self.decelerate_from_s {
-            let since = t - self.accelerate_until_s;
-            ((0.5 * self.accelerate_until_s + since) * self.peak_m_per_s, self.peak_m_per_s, 0.0)
-        } else {
-            let left = self.end_s - t;
-            (self.distance_m - 0.5 * a * left * left, a * left, -a)
-        };
+        while let Some(next) = self.legs.get(self.leg + 1)
+            && t >= next.from_s
+        {
+            self.leg += 1;
+        }
+        let leg = &self.legs[self.leg];
+        let (covered_m, speed, acceleration) = leg.after(t - leg.from_s);
         // Counts covered fit u32 (range above), which converts in one instruction where i64 takes a library call.
         let counts = i64::from((covered_m * self.counts_per_m + 0.5) as u32);
         let forward = self.target >= self.start;
@@ -164,6 +195,30 @@ impl Profile {
     }
 }
 
+/// Lengths of the shortest ramp from rest to the highest speed that `distance_m` allows: of its part in which acceleration grows
+/// (and of the equal one in which it falls), and of the whole, s.
+///
+/// With speed limit V, acceleration limit A and jerk limit J a ramp to V has the constant part only if V J > A². Where the distance is
+/// shorter than two ramps, they meet: A may then be reached (distance ≥ 2 A³/J²) or not.
+fn ramp(distance_m: f64, velocity: f64, acceleration: f64, jerk: Option<f64>) -> [f64; 2] {
+    let Some(jerk) = jerk else {
+        return [0.0, (velocity / acceleration).min(libm::sqrt(distance_m / acceleration))];
+    };
+    let full_ease_s = acceleration / jerk;
+    let ease_to_speed_s = full_ease_s.min(libm::sqrt(velocity / jerk));
+    let to_speed_s = ease_to_speed_s + velocity / (jerk * ease_to_speed_s);
+    if velocity * to_speed_s <= distance_m {
+        return [ease_to_speed_s, to_speed_s];
+    }
+    let ease_s = full_ease_s.min(libm::cbrt(0.5 * distance_m / jerk));
+    if ease_s < full_ease_s {
+        return [ease_s, 2.0 * ease_s];
+    }
+    // distance = acceleration · (ramp − ease) · ramp
+    let half_s = 0.5 * ease_s;
+    [ease_s, half_s + libm::sqrt(half_s * half_s + distance_m / acceleration)]
+}
+
 #[cfg(test)]
 mod tests {
     extern crate std;
@@ -174,7 +229,7 @@ mod tests {
     const COUNT_M: f64 = 4e-6 / 65536.0;
 
     fn limits(velocity_m_per_s: f32, acceleration_m_per_s2: f32) -> Limits {
-        Limits { velocity_m_per_s, acceleration_m_per_s2 }
+        Limits { velocity_m_per_s, acceleration_m_per_s2, jerk_m_per_s3: None }
     }
 
     fn run(mut profile: Profile) -> Vec<Setpoint> {
@@ -227,16 +282,17 @@ mod tests {
         #[test]
         fn every_profile_arrives_exactly_and_keeps_its_limits(
             start in -1_000_000_000i64..1_000_000_000, distance in -1_600_000_000i64..1_600_000_000,
-            velocity in 1e-3f32..1.0, acceleration in 1e-2f32..50.0,
+            velocity in 1e-3f32..1.0, acceleration in 1e-2f32..50.0, jerk in proptest::option::of(1f32..1e5),
         ) {
             let target = Position(start + distance);
-            let points = run(Profile::between(Position(start), target, limits(velocity, acceleration), COUNT_M));
+            let limits = Limits { jerk_m_per_s3: jerk, ..limits(velocity, acceleration) };
+            let points = run(Profile::between(Position(start), target, limits, COUNT_M));
             if let Some(last) = points.last() {
                 prop_assert_eq!(last.position, target);
                 prop_assert!(last.done);
             }
             let dt = f64::from(SERVO_DT_S);
-            let mut before = start;
+            let (mut before, mut acceleration_before) = (start, 0.0);
             for p in &points {
                 let step_m = (p.position.0 - before) as f64 * COUNT_M;
                 let (v, a) = (f64::from(velocity), f64::from(acceleration));
@@ -244,13 +300,20 @@ mod tests {
                 prop_assert!(step_m * distance as f64 >= 0.0, "never backwards");
                 prop_assert!(f64::from(p.velocity_m_per_s).abs() <= v * 1.000_001);
                 prop_assert!(f64::from(p.acceleration_m_per_s2).abs() <= a * 1.000_001);
-                before = p.position.0;
+                if let (Some(jerk), false) = (jerk, p.done) {
+                    let change = f64::from(p.acceleration_m_per_s2) - acceleration_before;
+                    prop_assert!(change.abs() <= f64::from(jerk) * dt + 1e-6 * a, "jerk at {p:?}");
+                }
+                (before, acceleration_before) = (p.position.0, f64::from(p.acceleration_m_per_s2));
             }
         }
 
         #[test]
-        fn the_stated_speed_is_the_slope_of_the_position(distance in 1_000_000i64..100_000_000, acceleration in 0.1f32..10.0) {
-            let mut profile = Profile::between(Position(0), Position(distance), limits(0.05, acceleration), COUNT_M);
+        fn the_stated_speed_is_the_slope_of_the_position(distance in 1_000_000i64..100_000_000, acceleration in 0.1f32..10.0,
+            jerk in proptest::option::of(1f32..1e5),
+        ) {
+            let limits = Limits { jerk_m_per_s3: jerk, ..limits(0.05, acceleration) };
+            let mut profile = Profile::between(Position(0), Position(distance), limits, COUNT_M);
             let mut before = profile.advance();
             while !profile.is_done() {
                 let now = profile.advance();

@@ -77,9 +77,9 @@ impl FastBench {
         let output = self.drive.tick(&inputs, command);
         self.moving = output.record.flags & flags::MOVING != 0;
         let demand = output.demand;
+        let setpoint_a = f64::from(demand.iq_a) + added_a;
         for _ in 0..PERIODS_PER_TICK {
             let currents_a = if demand.enabled {
-                let setpoint_a = f64::from(demand.iq_a) + added_a;
                 self.current.period(setpoint_a, self.carriage.position_m(), self.carriage.velocity_m_per_s())
             } else {
                 self.current.off()

@@ -15,7 +15,7 @@ fn moving_bench(ticks_into_move: u32) -> Bench {
     let stage = Stage::default();
     let mut bench = Bench::new(&stage, &tuning::settings(&stage, &tuning::STANDARD).unwrap(), 3).unwrap();
     bench.enable().unwrap();
-    let limits = Limits { velocity_m_per_s: 0.5, acceleration_m_per_s2: 1.0 };
+    let limits = Limits { velocity_m_per_s: 0.5, acceleration_m_per_s2: 1.0, jerk_m_per_s3: None };
     bench.command(Command::Move { target: Position(81_920_000), limits }).unwrap();
     bench.run(ticks_into_move, |_| ());
     bench

@@ -22,7 +22,7 @@ pub const CAPTURE: Order = Order { samples: 500, every_ticks: 2 };
 pub const FIVE_MM: Position = Position(81_920_000);
 
 /// The first move: a triangle of 141 ms.
-pub const LIMITS: Limits = Limits { velocity_m_per_s: 0.5, acceleration_m_per_s2: 1.0 };
+pub const LIMITS: Limits = Limits { velocity_m_per_s: 0.5, acceleration_m_per_s2: 1.0, jerk_m_per_s3: None };
 
 const HOME: Position = Position(0);
 
@@ -81,7 +81,7 @@ pub fn command(tick: u32) -> Result<Option<Command>, Refusal> {
 }
 
 fn go(target: Position, velocity_m_per_s: f32, acceleration_m_per_s2: f32) -> Command {
-    Command::Move { target, limits: Limits { velocity_m_per_s, acceleration_m_per_s2 } }
+    Command::Move { target, limits: Limits { velocity_m_per_s, acceleration_m_per_s2, jerk_m_per_s3: None } }
 }
 
 fn configure(settings: &Settings, needs_bridge_off: bool) -> Result<Command, Refusal> {
