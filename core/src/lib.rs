@@ -29,6 +29,7 @@ pub mod encoder;
 pub mod fault;
 pub mod friction;
 pub mod math;
+pub mod measure;
 pub mod parameters;
 pub mod position;
 pub mod profile;

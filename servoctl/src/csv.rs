@@ -206,6 +206,7 @@ mod tests {
         let mut lines: Vec<&str> = rows.lines().collect();
         lines[2] = "0.000250,nan,0.5";
         let nan = lines.join("\n");
+        assert_eq!(refusal(format!("# one\n{HEADER}{nan}")), "line 5: position_m = NaN is not a finite number");
         let dropped = rows.replacen("0.000500", "#0.000500", 1);
         assert_eq!(
             refusal(format!("{HEADER}{dropped}")),

@@ -17,28 +17,34 @@ use crate::table::{Table, number};
 pub enum Options {
     /// Dahl's model: sigma and F_C with 95 % confidence intervals
     Dahl {
+        /// Where the friction comes from.
         #[command(flatten)]
         data: Data,
+        /// How the result is written.
         #[command(flatten)]
         json: Json,
     },
     /// Maxwell slip: springs in parallel, each sliding at its own force
     Maxwell {
+        /// Where the friction comes from.
         #[command(flatten)]
         data: Data,
         /// Most elements, 1 to 12
         #[arg(long, value_name = "N", default_value_t = maxwell::USUAL_ELEMENTS)]
         elements: usize,
+        /// How the result is written.
         #[command(flatten)]
         json: Json,
     },
     /// Both models, and which of them the data need
     Choose {
+        /// Where the friction comes from.
         #[command(flatten)]
         data: Data,
         /// Most elements of Maxwell slip, 1 to 12
         #[arg(long, value_name = "N", default_value_t = maxwell::USUAL_ELEMENTS)]
         elements: usize,
+        /// How the result is written.
         #[command(flatten)]
         json: Json,
     },

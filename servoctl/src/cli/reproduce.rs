@@ -13,6 +13,8 @@ use super::output::Json;
 use super::progress::Progress;
 use crate::reproduce::campaign::{Shard, Watch};
 use crate::reproduce::experiments::{Experiment, MASS_ERRORS_PERCENT, Request};
+use crate::reproduce::identification;
+use crate::reproduce::identification_study::{self, IdentificationStudy};
 use crate::reproduce::loop_transmission::{self, LoopTransmission};
 use crate::reproduce::outcome::Outcome;
 use crate::reproduce::shard::ShardFile;
@@ -25,7 +27,7 @@ pub struct Options {
     /// Stage file (TOML) [default: the stage of the thesis]
     #[arg(long, value_name = "FILE")]
     stage: Option<PathBuf>,
-    /// Moves per configuration, 1 to 10 000 000 [default: as many as the thesis made]
+    /// Moves per configuration, 1 to 10 000 000; identification-study: runs at each place [default: as many as the thesis made]
     #[arg(long, value_name = "N")]
     moves: Option<u64>,
     /// Seed of friction and noise; the same seed gives the same numbers, on any number of threads
@@ -61,6 +63,8 @@ pub enum Name {
     InPosition,
     /// Loop transmission by stepped sine (5.1, 8.2): amplitudes, NIASA, rate limit
     LoopTransmission,
+    /// σ and F_C by identification profile and from settling (6.2, 6.3, tables 1 and 2)
+    IdentificationStudy,
 }
 
 impl Name {
@@ -75,7 +79,7 @@ impl Name {
             Name::Step5Um => Experiment::Step5Um,
             Name::Step50Nm => Experiment::Step50Nm,
             Name::InPosition => Experiment::InPosition,
-            Name::LoopTransmission => return None,
+            Name::LoopTransmission | Name::IdentificationStudy => return None,
         })
     }
 }
@@ -94,7 +98,7 @@ pub fn run(options: &Options) -> Result<()> {
         return settling(options, experiment, stage);
     }
     let settling_only = [
-        ("moves", options.moves.is_some()),
+        ("moves", options.moves.is_some() && options.name != Name::IdentificationStudy),
         ("mass-error", !options.mass_error.is_empty()),
         ("shard", options.shard.is_some()),
     ];
@@ -106,6 +110,14 @@ pub fn run(options: &Options) -> Result<()> {
         Name::LoopTransmission => {
             let run = |watch: Watch| loop_transmission::run(&stage, seed, watch);
             measure(options, loop_transmission::SWEEPS, "sweeps", run, LoopTransmission::to_text)
+        }
+        Name::IdentificationStudy => {
+            let runs = options.moves.unwrap_or(identification::RUNS);
+            ensure!((1..=100_000).contains(&runs), "moves = {runs} is outside 1 to 100000");
+            let steps = (runs * identification::STEPS).div_ceil(identification::RUNS);
+            let pieces = runs * identification::PLACES * identification::FREQUENCIES_HZ.len() as u64 + steps;
+            let run = |watch: Watch| identification_study::run(&stage, runs, steps, seed, watch);
+            measure(options, pieces, "runs", run, IdentificationStudy::to_text)
         }
         _ => Ok(()),
     }

@@ -4,11 +4,14 @@
 //! - [`campaign`]: many passes of several configurations, in parallel, in parts
 //! - [`experiments`]: which configurations each experiment compares
 //! - [`outcome`]: statistics, tables, JSON
+//! - [`identification`], [`identification_study`]: σ and F_C from profiles and from settling (6.2, 6.3)
 //! - [`loop_transmission`]: stepped sines (5.1, 8.2)
 //! - [`shard`]: parts of a campaign as files, and their union
 
 pub mod campaign;
 pub mod experiments;
+pub mod identification;
+pub mod identification_study;
 pub mod loop_transmission;
 pub mod outcome;
 pub mod pass;
