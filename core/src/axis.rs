@@ -86,7 +86,7 @@ impl Axis {
     /// A servo period: the tick first, then the current loop with the new set-point, so that the voltage that follows from this
     /// period's position is on the motor one PWM period after it was sampled.
     #[inline]
-    pub fn on_servo(&mut self, sample: &ServoSample, command: Option<Command>) -> ServoOutput {
+    pub fn on_servo(&mut self, sample: &ServoSample, command: Option<&Command>) -> ServoOutput {
         if matches!(command, Some(Command::ResetFault)) {
             self.current.clear_trip();
         }

@@ -176,7 +176,7 @@ impl Drive {
     ///
     /// Whatever is wrong, the bridge is off in the output of the tick that sees it.
     #[inline]
-    pub fn tick(&mut self, inputs: &Inputs, command: Option<Command>) -> Output {
+    pub fn tick(&mut self, inputs: &Inputs, command: Option<&Command>) -> Output {
         let update = self.tracker.update(inputs.frame, self.config.origin);
         self.bus_v = f32::from(inputs.bus_code) * self.config.bus_v_per_code;
         self.count(inputs);
@@ -375,8 +375,8 @@ impl Drive {
         }
     }
 
-    fn obey(&mut self, command: Command) -> Outcome {
-        match command {
+    fn obey(&mut self, command: &Command) -> Outcome {
+        match *command {
             Command::Enable => self.enable(),
             Command::Disable => {
                 self.enable = false;
@@ -397,7 +397,7 @@ impl Drive {
                 self.choose(compensator);
                 Ok(())
             }
-            Command::Configure { config, needs_bridge_off } => self.configure(config, needs_bridge_off),
+            Command::Configure { ref config, needs_bridge_off } => self.configure(config, needs_bridge_off),
         }
     }
 
@@ -456,13 +456,13 @@ impl Drive {
         self.nonlinear_n = 0.0;
     }
 
-    fn configure(&mut self, config: Config, needs_bridge_off: bool) -> Outcome {
+    fn configure(&mut self, config: &Config, needs_bridge_off: bool) -> Outcome {
         if needs_bridge_off && self.state.has_torque() {
             return Err(Refusal::WrongState(self.state));
         }
         let kind = config.compensator.kind;
         let switch = kind != self.config.compensator.kind;
-        self.config = config;
+        self.config = *config;
         self.absorb = true;
         if switch {
             self.choose(kind);

@@ -29,49 +29,98 @@ pub struct Limits {
     pub jerk_m_per_s3: Option<f32>,
 }
 
-/// A stretch of constant jerk, as it begins.
+/// From rest to a speed: acceleration grows, stays, and falls to nothing again; without a limit of jerk it only stays.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Leg {
-    /// Since the start of the motion.
-    from_s: f64,
-    /// Distance covered.
-    from_m: f64,
-    velocity_m_per_s: f64,
+struct Ramp {
+    /// Length of the part in which acceleration grows, and of that in which it falls, s.
+    ease_s: f64,
+    /// Length of the whole, s.
+    length_s: f64,
+    /// Largest acceleration.
     acceleration_m_per_s2: f64,
     jerk_m_per_s3: f64,
+    /// Speed at the end.
+    velocity_m_per_s: f64,
 }
 
-impl Leg {
-    /// Distance covered (m), speed and acceleration, `s` seconds after the beginning.
+impl Ramp {
+    /// The shortest ramp from rest to the highest speed that a motion over `distance_m` allows.
+    ///
+    /// With speed limit V, acceleration limit A and jerk limit J, a ramp to V has a part of constant acceleration only if V J > A².
+    /// Where the distance is shorter than two such ramps, they meet, A being reached (distance ≥ 2 A³/J²) or not.
+    fn longest(distance_m: f64, limits: &Limits) -> Self {
+        let (v, a) = (f64::from(limits.velocity_m_per_s), f64::from(limits.acceleration_m_per_s2));
+        let Some(jerk) = limits.jerk_m_per_s3.map(f64::from) else {
+            let length_s = (v / a).min(libm::sqrt(distance_m / a));
+            return Ramp { length_s, acceleration_m_per_s2: a, velocity_m_per_s: a * length_s, ..Ramp::default() };
+        };
+        let full_ease_s = a / jerk;
+        let mut ease_s = full_ease_s.min(libm::sqrt(v / jerk));
+        let mut length_s = ease_s + v / (jerk * ease_s);
+        if v * length_s > distance_m {
+            ease_s = full_ease_s.min(libm::cbrt(0.5 * distance_m / jerk));
+            // distance = acceleration · (length − ease) · length
+            let half_s = 0.5 * ease_s;
+            let reached_s = half_s + libm::sqrt(half_s * half_s + distance_m / a);
+            length_s = if ease_s < full_ease_s { 2.0 * ease_s } else { reached_s };
+        }
+        let acceleration_m_per_s2 = jerk * ease_s;
+        let velocity_m_per_s = acceleration_m_per_s2 * (length_s - ease_s);
+        Ramp { ease_s, length_s, acceleration_m_per_s2, jerk_m_per_s3: jerk, velocity_m_per_s }
+    }
+
+    /// Distance covered at its end, m: what half its time at full speed would.
+    fn distance_m(&self) -> f64 {
+        0.5 * self.velocity_m_per_s * self.length_s
+    }
+
+    /// Distance covered (m), speed and acceleration `s` seconds after its beginning; beyond its end, at full speed.
     #[inline]
     fn after(&self, s: f64) -> (f64, f64, f64) {
-        let (v, a, js) = (self.velocity_m_per_s, self.acceleration_m_per_s2, self.jerk_m_per_s3 * s);
-        (self.from_m + s * (v + s * (0.5 * a + js * (1.0 / 6.0))), v + s * (a + 0.5 * js), a + js)
+        let (a, j) = (self.acceleration_m_per_s2, self.jerk_m_per_s3);
+        let left = self.length_s - s;
+        if left < self.ease_s {
+            // What full speed would have covered, and a little more: the speed was not full yet.
+            let at_speed_m = (s - 0.5 * self.length_s) * self.velocity_m_per_s;
+            let left = left.max(0.0);
+            let jl = j * left;
+            (at_speed_m + jl * left * left * (1.0 / 6.0), self.velocity_m_per_s - 0.5 * jl * left, jl)
+        } else if s < self.ease_s {
+            let js = j * s;
+            (js * s * s * (1.0 / 6.0), 0.5 * js * s, js)
+        } else {
+            let since = s - 0.5 * self.ease_s;
+            (a * (0.5 * since * since + self.ease_s * self.ease_s * (1.0 / 24.0)), a * since, a)
+        }
     }
 }
 
-/// A rest-to-rest motion, time-optimal for its limits; or a stop with constant deceleration.
+/// A rest-to-rest motion, time-optimal for its limits: a ramp, an optional cruise and the same ramp backwards. A stop is its end.
 ///
-/// Up to seven legs of constant jerk. Within a leg the distance covered is a polynomial of the time since its beginning (`f64`,
-/// hardware on the target), so that no error accumulates from tick to tick; the last set-point *is* the target.
+/// The distance covered is evaluated in closed form from the tick number (`f64`, hardware on the target), so that no error
+/// accumulates: the deceleration counts back from the target and the last set-point *is* the target.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Profile {
     start: Position,
     target: Position,
     tick: u32,
     end_tick: u32,
-    end_s: f64,
     counts_per_m: f64,
-    /// The legs there are; those that are not begin at the end.
-    legs: [Leg; 7],
-    /// Index of the leg that runs.
-    leg: usize,
+    ramp: Ramp,
+    /// What the time since the start is counted from: 0, or for a stop where the cruise would end.
+    from_s: f64,
+    /// Distance covered there.
+    from_m: f64,
+    /// Until here it accelerates or cruises.
+    decelerate_from_s: f64,
+    distance_m: f64,
+    end_s: f64,
 }
 
 impl Profile {
     /// Standing still at `position`.
     pub fn at_rest(position: Position) -> Self {
-        Self::of_legs(position, position, 1.0, 0.0, &[])
+        Self::new(position, position, 1.0, Ramp::default(), 0.0, 0.0)
     }
 
     /// From rest at `start` to rest at `target`, as fast as `limits` allow: speed is a trapezoid or a triangle, its corners rounded
@@ -81,30 +130,10 @@ impl Profile {
     /// Limits are finite and above 0 (the caller's check); the distance is below 2³² counts. `count_m` is metres per count.
     pub fn between(start: Position, target: Position, limits: Limits, count_m: f64) -> Self {
         let distance_m = (target.0.wrapping_sub(start.0)).unsigned_abs() as f64 * count_m;
-        let (velocity, acceleration) = (f64::from(limits.velocity_m_per_s), f64::from(limits.acceleration_m_per_s2));
-        let jerk = limits.jerk_m_per_s3.map(f64::from);
-        let [ease_s, ramp_s] = ramp(distance_m, velocity, acceleration, jerk);
-        if ramp_s == 0.0 {
-            return Self::at_rest(target);
-        }
-        let (jerk, acceleration) = match jerk {
-            Some(jerk) => (jerk, jerk * ease_s),
-            None => (0.0, acceleration),
-        };
-        let peak = acceleration * (ramp_s - ease_s);
-        // A ramp covers what half its time at full speed would.
-        let cruise_s = (distance_m / peak - ramp_s).max(0.0);
-        let hold_s = ramp_s - 2.0 * ease_s;
-        let legs = [
-            (ease_s, 0.0, jerk),
-            (hold_s, acceleration, 0.0),
-            (ease_s, acceleration, -jerk),
-            (cruise_s, 0.0, 0.0),
-            (ease_s, 0.0, -jerk),
-            (hold_s, -acceleration, 0.0),
-            (ease_s, -acceleration, jerk),
-        ];
-        Self::of_legs(start, target, count_m, 0.0, &legs)
+        let ramp = Ramp::longest(distance_m, &limits);
+        let v = ramp.velocity_m_per_s;
+        let cruise_s = if v > 0.0 { (distance_m / v - ramp.length_s).max(0.0) } else { 0.0 };
+        Self::new(start, target, count_m, ramp, cruise_s, 0.0)
     }
 
     /// From `start`, moving at `velocity_m_per_s` (signed), to rest with constant `deceleration_m_per_s2`.
@@ -112,40 +141,32 @@ impl Profile {
     /// The target is the count nearest to where that ends. Ranges as in [`Profile::between`].
     pub fn stopping(start: Position, velocity_m_per_s: f32, deceleration_m_per_s2: f32, count_m: f64) -> Self {
         let (speed, deceleration) = (f64::from(velocity_m_per_s).abs(), f64::from(deceleration_m_per_s2));
-        let counts = (speed * speed / (2.0 * deceleration) / count_m + 0.5) as i64;
+        let ramp = Ramp {
+            length_s: speed / deceleration,
+            acceleration_m_per_s2: deceleration,
+            velocity_m_per_s: speed,
+            ..Ramp::default()
+        };
+        let counts = (ramp.distance_m() / count_m + 0.5) as i64;
         let target = start.plus(if velocity_m_per_s < 0.0 { -counts } else { counts });
-        Self::of_legs(start, target, count_m, speed, &[(speed / deceleration, -deceleration, 0.0)])
+        Self::new(start, target, count_m, ramp, 0.0, ramp.length_s)
     }
 
-    /// One leg after the other: length (s), acceleration at its beginning, jerk. Legs of no length are left out.
-    fn of_legs(
-        start: Position,
-        target: Position,
-        count_m: f64,
-        velocity_m_per_s: f64,
-        lengths: &[(f64, f64, f64)],
-    ) -> Self {
-        let mut next = Leg { velocity_m_per_s, ..Leg::default() };
-        let mut legs = [next; 7];
-        let mut count = 0;
-        for &(length_s, acceleration_m_per_s2, jerk_m_per_s3) in lengths.iter().filter(|(length_s, ..)| *length_s > 0.0)
-        {
-            let leg = Leg { acceleration_m_per_s2, jerk_m_per_s3, ..next };
-            legs[count] = leg;
-            count += 1;
-            let (from_m, velocity_m_per_s, _) = leg.after(length_s);
-            next = Leg { from_s: leg.from_s + length_s, from_m, velocity_m_per_s, ..Leg::default() };
-        }
-        legs[count..].fill(next);
+    fn new(start: Position, target: Position, count_m: f64, ramp: Ramp, cruise_s: f64, from_s: f64) -> Self {
+        let decelerate_from_s = ramp.length_s + cruise_s;
+        let end_s = decelerate_from_s + ramp.length_s;
         Profile {
             start,
             target,
             tick: 0,
-            end_tick: libm::ceil(next.from_s / f64::from(SERVO_DT_S)) as u32,
-            end_s: next.from_s,
+            end_tick: libm::ceil((end_s - from_s) / f64::from(SERVO_DT_S)) as u32,
             counts_per_m: 1.0 / count_m,
-            legs,
-            leg: 0,
+            ramp,
+            from_s,
+            from_m: if from_s > 0.0 { ramp.distance_m() } else { 0.0 },
+            decelerate_from_s,
+            distance_m: 2.0 * ramp.distance_m() + cruise_s * ramp.velocity_m_per_s,
+            end_s,
         }
     }
 
@@ -156,7 +177,7 @@ impl Profile {
 
     /// Time from start to end, s. The reference is on target from the first tick at or after it.
     pub fn duration_s(&self) -> f64 {
-        self.end_s
+        self.end_s - self.from_s
     }
 
     /// The last set-point given was the target.
@@ -174,16 +195,12 @@ impl Profile {
         if self.is_done() {
             return Setpoint { position: self.target, velocity_m_per_s: 0.0, acceleration_m_per_s2: 0.0, done: true };
         }
-        let t = f64::from(self.tick) * f64::from(SERVO_DT_S);
-        while let Some(next) = self.legs.get(self.leg + 1)
-            && t >= next.from_s
-        {
-            self.leg += 1;
-        }
-        let leg = &self.legs[self.leg];
-        let (covered_m, speed, acceleration) = leg.after(t - leg.from_s);
+        let t = self.from_s + f64::from(self.tick) * f64::from(SERVO_DT_S);
+        let braking = t >= self.decelerate_from_s;
+        let (m, speed, acceleration) = self.ramp.after(if braking { self.end_s - t } else { t });
+        let (covered_m, acceleration) = if braking { (self.distance_m - m, -acceleration) } else { (m, acceleration) };
         // Counts covered fit u32 (range above), which converts in one instruction where i64 takes a library call.
-        let counts = i64::from((covered_m * self.counts_per_m + 0.5) as u32);
+        let counts = i64::from(((covered_m - self.from_m) * self.counts_per_m + 0.5) as u32);
         let forward = self.target >= self.start;
         let sign = if forward { 1.0 } else { -1.0 };
         Setpoint {
@@ -193,30 +210,6 @@ impl Profile {
             done: false,
         }
     }
-}
-
-/// Lengths of the shortest ramp from rest to the highest speed that `distance_m` allows: of its part in which acceleration grows
-/// (and of the equal one in which it falls), and of the whole, s.
-///
-/// With speed limit V, acceleration limit A and jerk limit J a ramp to V has the constant part only if V J > A². Where the distance is
-/// shorter than two ramps, they meet: A may then be reached (distance ≥ 2 A³/J²) or not.
-fn ramp(distance_m: f64, velocity: f64, acceleration: f64, jerk: Option<f64>) -> [f64; 2] {
-    let Some(jerk) = jerk else {
-        return [0.0, (velocity / acceleration).min(libm::sqrt(distance_m / acceleration))];
-    };
-    let full_ease_s = acceleration / jerk;
-    let ease_to_speed_s = full_ease_s.min(libm::sqrt(velocity / jerk));
-    let to_speed_s = ease_to_speed_s + velocity / (jerk * ease_to_speed_s);
-    if velocity * to_speed_s <= distance_m {
-        return [ease_to_speed_s, to_speed_s];
-    }
-    let ease_s = full_ease_s.min(libm::cbrt(0.5 * distance_m / jerk));
-    if ease_s < full_ease_s {
-        return [ease_s, 2.0 * ease_s];
-    }
-    // distance = acceleration · (ramp − ease) · ramp
-    let half_s = 0.5 * ease_s;
-    [ease_s, half_s + libm::sqrt(half_s * half_s + distance_m / acceleration)]
 }
 
 #[cfg(test)]

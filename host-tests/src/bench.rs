@@ -66,7 +66,7 @@ impl Bench {
             last_tick_cycles: TICK_CYCLES,
         };
         tamper(&mut sample);
-        let output = self.axis.on_servo(&sample, command);
+        let output = self.axis.on_servo(&sample, command.as_ref());
         self.period(output.bridge);
         for _ in 1..PERIODS_PER_TICK {
             let phases = self.phases();

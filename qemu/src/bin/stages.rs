@@ -57,7 +57,7 @@ fn run() -> Result<Digest, Failure> {
             bridge_fault: tick.sample.bridge_fault,
             last_tick_cycles: tick.sample.last_tick_cycles,
         };
-        let output = regions::servo_tick(&mut drive, &inputs, command);
+        let output = regions::servo_tick(&mut drive, &inputs, command.as_ref());
         let k = drive.config().current;
         let bridge = regions::current_loop(&mut current, &k, &output.demand, tick.sample.phases, 0);
         let sample = capture.step(&output.record);
