@@ -3,7 +3,8 @@
 use serde::Serialize;
 
 use crate::confidence::{self, Interval};
-use crate::error::DataError;
+use crate::error::{DataError, within};
+use crate::legs::legs;
 use crate::linear::{Normal, minimum};
 use crate::record::Record;
 
@@ -49,10 +50,25 @@ pub struct DahlIntervals {
 impl DahlFit {
     /// The model's force at every sample of the record, offset included, as measured force would show it, N.
     pub fn force_n(&self, record: &Record) -> Vec<f64> {
-        let [coulomb, initial] = responses(record, self.coulomb_n / self.sigma_n_per_m);
-        let sum = coulomb.iter().zip(&initial);
-        sum.map(|(c, i)| self.coulomb_n * c + self.initial_n * i + self.offset_n).collect()
+        record.seen(self.friction_n(record)).iter().map(|friction_n| friction_n + self.offset_n).collect()
     }
+
+    /// The model's friction at every sample of the record, N.
+    pub fn friction_n(&self, record: &Record) -> Vec<f64> {
+        let [coulomb, initial] = responses(record, self.coulomb_n / self.sigma_n_per_m);
+        coulomb.iter().zip(&initial).map(|(c, i)| self.coulomb_n * c + self.initial_n * i).collect()
+    }
+}
+
+/// What is known beforehand, and what counts.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Assumptions {
+    /// There is no constant force beside friction: the current's offset has been measured, the axis is level. Needed where the motion
+    /// reverses only once or twice, as in settling: an offset cannot be told from F_C there.
+    pub no_offset: bool,
+    /// Swings smaller than this share of the span (0 to 0.5) are part of the larger motion around them. Parallel elements, whose memory
+    /// is not local, close such loops and go on as if they had not been; Dahl's model would not.
+    pub inner_share: f64,
 }
 
 /// Fits σ, F_C, the initial force and an offset.
@@ -68,10 +84,34 @@ impl DahlFit {
 /// # Source
 /// Equation 5.3 (corrected: `1 − F/F_C · sgn ẋ`) with i = 1, section 5.5; the offset is what appendix B centres away.
 pub fn fit(record: &Record) -> Result<DahlFit, DataError> {
-    let ones = vec![1.0; record.samples()];
+    fit_assuming(record, Assumptions::default())
+}
+
+/// [`fit`] with assumptions.
+///
+/// # Errors
+/// As for [`fit`]; `inner_share` out of range; [`DataError::NoReversal`] if no swing is larger.
+pub fn fit_assuming(record: &Record, assumptions: Assumptions) -> Result<DahlFit, DataError> {
+    let Assumptions { no_offset, inner_share } = assumptions;
+    within("inner_share", inner_share, 0.0, 0.5)?;
+    if inner_share == 0.0 {
+        return search(record, no_offset);
+    }
+    let legs = legs(&record.position_m, inner_share * record.span_m());
+    if legs.len() < 2 {
+        return Err(DataError::NoReversal);
+    }
+    search(&Record { legs, ..record.clone() }, no_offset)
+}
+
+/// The search, see [`fit`].
+fn search(record: &Record, no_offset: bool) -> Result<DahlFit, DataError> {
+    let ones = vec![1.0; if no_offset { 0 } else { record.samples() }];
     let linear = |log_m: f64| {
-        let [coulomb, initial] = responses(record, log_m.exp());
-        let normal = Normal::new(&[&coulomb, &initial, &ones], &record.force_n);
+        let [coulomb, initial] = seen_responses(record, log_m.exp());
+        let mut columns: Vec<&[f64]> = vec![&coulomb, &initial];
+        columns.extend((!no_offset).then_some(&ones[..]));
+        let normal = Normal::new(&columns, &record.force_n);
         let solution = normal.solve()?;
         Some((normal.left(&solution), solution))
     };
@@ -96,7 +136,8 @@ pub fn fit(record: &Record) -> Result<DahlFit, DataError> {
     let Some((_, solution)) = linear(log_m) else {
         return Err(undetermined("its effect is that of an offset".to_owned()));
     };
-    let [coulomb_n, initial_n, offset_n] = [solution[0], solution[1], solution[2]];
+    let (coulomb_n, initial_n) = (solution[0], solution[1]);
+    let offset_n = solution.get(2).copied().unwrap_or(0.0);
     let length_m = log_m.exp();
     let mut fit = DahlFit {
         sigma_n_per_m: coulomb_n / length_m,
@@ -109,7 +150,7 @@ pub fn fit(record: &Record) -> Result<DahlFit, DataError> {
     };
     let model_n = fit.force_n(record);
     let left_n: Vec<f64> = record.force_n.iter().zip(&model_n).map(|(f, m)| f - m).collect();
-    fit.mse_n2 = left_n.iter().map(|r| r * r).sum::<f64>() / left_n.len() as f64;
+    fit.mse_n2 = left_n.iter().map(|r| r * r).sum::<f64>() / fit.samples as f64;
     let Some(errors) = standard_errors(record, &fit, &ones, &left_n) else {
         return Err(undetermined("its effect is that of the other parameters".to_owned()));
     };
@@ -124,39 +165,41 @@ pub fn fit(record: &Record) -> Result<DahlFit, DataError> {
     Ok(fit)
 }
 
+/// Standard errors of F_C and of ln σ; `ones` is empty without offset.
+fn standard_errors(record: &Record, fit: &DahlFit, ones: &[f64], left_n: &[f64]) -> Option<Errors> {
+    const STEP: f64 = 1e-4;
+    let length_m = fit.coulomb_n / fit.sigma_n_per_m;
+    let [coulomb, initial] = seen_responses(record, length_m);
+    let [longer, shorter] = [1.0 + STEP, 1.0 - STEP].map(|factor| seen_responses(record, length_m * factor));
+    // With respect to ln x_c.
+    let slope: Vec<f64> = (0..left_n.len())
+        .map(|i| {
+            let (dc, di) = (longer[0][i] - shorter[0][i], longer[1][i] - shorter[1][i]);
+            (fit.coulomb_n * dc + fit.initial_n * di) / (2.0 * STEP)
+        })
+        .collect();
+    let mut columns: Vec<&[f64]> = vec![&coulomb, &slope, &initial];
+    columns.extend((!ones.is_empty()).then_some(ones));
+    let covariance = confidence::covariance(&columns, left_n, &confidence::blocks(record))?;
+    let (n, c) = (columns.len(), &covariance.matrix);
+    // ln σ = ln F_C − ln x_c.
+    let per_n = 1.0 / fit.coulomb_n;
+    let log_sigma = c[0] * per_n * per_n - 2.0 * c[1] * per_n + c[n + 1];
+    Some(Errors { standard: [c[0].max(0.0).sqrt(), log_sigma.max(0.0).sqrt()], quantile: covariance.quantile })
+}
+
 /// Standard errors of F_C (N) and of ln σ, and the factor that makes 95 % intervals of them.
 struct Errors {
     standard: [f64; 2],
     quantile: f64,
 }
 
-fn standard_errors(record: &Record, fit: &DahlFit, ones: &[f64], left_n: &[f64]) -> Option<Errors> {
-    const STEP: f64 = 1e-4;
-    let length_m = fit.coulomb_n / fit.sigma_n_per_m;
-    let [coulomb, initial] = responses(record, length_m);
-    let [longer, shorter] = [1.0 + STEP, 1.0 - STEP].map(|factor| responses(record, length_m * factor));
-    // With respect to ln x_c.
-    let slope: Vec<f64> = (0..record.samples())
-        .map(|i| {
-            let (dc, di) = (longer[0][i] - shorter[0][i], longer[1][i] - shorter[1][i]);
-            (fit.coulomb_n * dc + fit.initial_n * di) / (2.0 * STEP)
-        })
-        .collect();
-    let columns: [&[f64]; 4] = [&coulomb, &slope, &initial, ones];
-    let covariance = confidence::covariance(&columns, left_n, &confidence::blocks(record))?;
-    // ln σ = ln F_C − ln x_c.
-    let gradient = [1.0 / fit.coulomb_n, -1.0, 0.0, 0.0];
-    let variance = |g: [f64; 4]| -> f64 {
-        (0..4).flat_map(|i| (0..4).map(move |j| (i, j))).map(|(i, j)| g[i] * g[j] * covariance.matrix[4 * i + j]).sum()
-    };
-    Some(Errors {
-        standard: [variance([1.0, 0.0, 0.0, 0.0]).max(0.0).sqrt(), variance(gradient).max(0.0).sqrt()],
-        quantile: covariance.quantile,
-    })
+/// [`responses`] as measured force would show them.
+fn seen_responses(record: &Record, length_m: f64) -> [Vec<f64>; 2] {
+    responses(record, length_m).map(|response| record.seen(response))
 }
 
-/// What F_C = 1 N without initial force, and an initial force of 1 N without F_C, give along the record's motion, as measured force
-/// would show it.
+/// What F_C = 1 N without initial force, and an initial force of 1 N without F_C, give along the record's motion.
 fn responses(record: &Record, length_m: f64) -> [Vec<f64>; 2] {
     let x = &record.position_m;
     let mut coulomb = vec![0.0; x.len()];
@@ -171,5 +214,5 @@ fn responses(record: &Record, length_m: f64) -> [Vec<f64>; 2] {
             initial[i] = from_initial * left;
         }
     }
-    [record.seen(coulomb), record.seen(initial)]
+    [coulomb, initial]
 }

@@ -113,6 +113,23 @@ pub enum DataError {
 }
 
 impl DataError {
+    /// Its kind in words, without values: for counting.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            DataError::TooFewSamples { .. } => "too few samples",
+            DataError::Length { .. } => "columns of different length",
+            DataError::NotFinite { .. } => "not a finite number",
+            DataError::TimeBackwards { .. } => "time goes backwards",
+            DataError::Gap { .. } => "dropped samples",
+            DataError::NoMotion { .. } => "no motion beyond noise",
+            DataError::NoReversal => "no reversal",
+            DataError::Saturated { .. } => "saturated current",
+            DataError::WrongSign { .. } => "wrong sign of the force",
+            DataError::OutOfRange { .. } => "parameter out of range",
+            DataError::Undetermined { .. } => "not determined by the data",
+        }
+    }
+
     /// The sample it is about, from 0, if it is about one.
     pub fn sample(&self) -> Option<usize> {
         match self {

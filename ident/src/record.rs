@@ -103,7 +103,7 @@ impl Record {
             low_pass,
         };
         let (work_j, size_j) = record.work();
-        if work_j < -WRONG_SIGN_SHARE * size_j {
+        if record.is_cyclic() && work_j < -WRONG_SIGN_SHARE * size_j {
             return Err(DataError::WrongSign { field: sign_of, value, work_j });
         }
         Ok(record)
@@ -126,8 +126,19 @@ impl Record {
         let rms_n = (self.force_n.iter().map(|f| (f - mean_n) * (f - mean_n)).sum::<f64>() / n).sqrt();
         let steps = self.position_m.windows(2).zip(self.force_n.windows(2));
         let work_j = steps.map(|(x, f)| (x[1] - x[0]) * (0.5 * (f[0] + f[1]) - mean_n)).sum();
-        let path_m: f64 = self.legs.iter().map(|leg| (self.position_m[leg.to] - self.position_m[leg.from]).abs()).sum();
-        (work_j, rms_n * path_m)
+        (work_j, rms_n * self.path_m())
+    }
+
+    /// Way there and back, m.
+    fn path_m(&self) -> f64 {
+        self.legs.iter().map(|leg| (self.position_m[leg.to] - self.position_m[leg.from]).abs()).sum()
+    }
+
+    /// Whether the motion ends near where it began: then a constant force has done no work that matters, and the work's sign is that of
+    /// friction.
+    fn is_cyclic(&self) -> bool {
+        let net_m = self.position_m.last().map_or(0.0, |x| (x - self.position_m[0]).abs());
+        net_m < CYCLIC_SHARE * self.path_m()
     }
 
     /// A model's force as the measured force would show it.
@@ -147,6 +158,8 @@ const MOTION_STEPS: f64 = 12.0;
 const TURN_NOISES: f64 = 6.0;
 /// The same as a share of the span.
 const TURN_SHARE: f64 = 1e-4;
+/// Distance of end and beginning, as a share of the way, up to which a motion is cyclic.
+const CYCLIC_SHARE: f64 = 0.2;
 /// Work below 0 that shows a wrong sign, as a share of the greatest possible.
 const WRONG_SIGN_SHARE: f64 = 0.05;
 

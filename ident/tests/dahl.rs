@@ -3,7 +3,8 @@
 mod common;
 
 use common::{Profile, USUAL, dahl};
-use servo_ident::{DataError, Record, dahl as search, genetic};
+use servo_ident::dahl::{self as search, Assumptions};
+use servo_ident::{DataError, Record, genetic};
 use servo_sim::friction::{Friction, LuGre, MaxwellSlip};
 use servo_sim::random::{Noise, Purpose};
 
@@ -113,6 +114,42 @@ fn on_maxwell_slip_with_saturated_reversals_dahl_finds_its_curve() {
     let fit = search::fit(&from_current(&profile, &mut slip, 0).unwrap()).unwrap();
     assert!((fit.sigma_n_per_m / 8.66e6 - 1.0).abs() < 0.02, "{}", fit.sigma_n_per_m);
     assert!((fit.coulomb_n / 0.64 - 1.0).abs() < 0.01, "{}", fit.coulomb_n);
+}
+
+/// A ripple makes small swings at every turn. Parallel elements close them and go on; Dahl's model does not.
+#[test]
+fn small_swings_on_maxwell_slip_are_part_of_the_large_ones() {
+    let mut slip = Friction::MaxwellSlip(MaxwellSlip::new(12, 8.66e6, 0.64));
+    let (mut time_s, mut position_m, mut force_n, mut before_m) = (vec![], vec![], vec![], 0.0);
+    for i in 0..8_000 {
+        let t = f64::from(i) / 8_000.0;
+        let tau = std::f64::consts::TAU;
+        let x = 1e-6 * libm::sin(tau * 8.0 * t) + 5e-9 * libm::sin(tau * 310.0 * t);
+        force_n.push(slip.advance(x - before_m, 0.0));
+        before_m = x;
+        time_s.push(t);
+        position_m.push(x);
+    }
+    let record = Record::from_force(&time_s, &position_m, &force_n).unwrap();
+    let error = |fit: &search::DahlFit| (fit.sigma_n_per_m / 8.66e6 - 1.0).abs();
+    let plain = search::fit(&record).unwrap();
+    let merged = search::fit_assuming(&record, Assumptions { inner_share: 0.02, ..Assumptions::default() }).unwrap();
+    assert!(error(&merged) < 0.02, "{merged:?}");
+    assert!(merged.mse_n2 < plain.mse_n2, "{merged:?} {plain:?}");
+    let refused = search::fit_assuming(&record, Assumptions { inner_share: 0.6, ..Assumptions::default() });
+    assert!(matches!(refused, Err(DataError::OutOfRange { field: "inner_share", .. })), "{refused:?}");
+}
+
+#[test]
+fn with_a_single_reversal_a_known_offset_makes_the_difference() {
+    // Half a period: there and a little back.
+    let profile = Profile { frequency_hz: 0.35, decay: 1.0, offset_n: 0.0, ..USUAL };
+    let record = from_force(&profile, &mut dahl(8.66e6, 0.64), 0).unwrap();
+    assert_eq!(record.legs.len(), 2);
+    let known = Assumptions { no_offset: true, ..Assumptions::default() };
+    let fit = search::fit_assuming(&record, known).unwrap();
+    assert_eq!(fit.offset_n, 0.0);
+    assert!((fit.sigma_n_per_m / 8.66e6 - 1.0).abs() < 0.01 && (fit.coulomb_n / 0.64 - 1.0).abs() < 0.005, "{fit:?}");
 }
 
 #[test]

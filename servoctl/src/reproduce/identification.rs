@@ -16,7 +16,8 @@ use servo_core::{PWM_HZ, SERVO_HZ};
 use servo_host_tests::FastBench;
 use servo_host_tests::experiment::{FIVE_MM_SLOW, Steps};
 use servo_host_tests::tuning::{self, STANDARD};
-use servo_ident::{DataError, Record, dahl};
+use servo_ident::dahl::{self, Assumptions};
+use servo_ident::{DataError, Record};
 use servo_sim::Stage;
 
 use super::campaign::Watch;
@@ -48,6 +49,8 @@ const ATTEMPTS: usize = 16;
 const REST_TICKS: u32 = 400;
 /// Settling that is looked at, s from the end of the profile.
 const SETTLING_S: f64 = 0.25;
+/// Swings of settling that are part of the larger motion around them, as a share of its span.
+const INNER_SHARE: f64 = 0.04;
 /// Seeds of the settling steps begin here: other friction than that of the profiles.
 const STEPS_FROM: u64 = 1 << 40;
 
@@ -166,7 +169,7 @@ fn at_place(
         bench.redraw((frequency as u64 * PLACES + place) * runs + run);
         let records = identification_profile(&mut bench, settings, FREQUENCIES_HZ[frequency])?;
         let name = format!("{} Hz, place {}", FREQUENCIES_HZ[frequency], place + 1);
-        found.push(fit(stage, bench.carriage.drawn_friction(), &records, place, name));
+        found.push(fit(stage, bench.carriage.drawn_friction(), &records, place, name, Assumptions::default()));
         (watch.finished)(1);
     }
     Ok(Some(found))
@@ -248,7 +251,10 @@ fn settle(
     })?;
     let found = steps.iter().zip(drawn).zip(number * pass::MOVES..);
     let found: Found = found
-        .map(|((records, drawn), step)| fit(stage, drawn, records, step, format!("settling of step {}", step + 1)))
+        .map(|((records, drawn), step)| {
+            let name = format!("settling of step {}", step + 1);
+            fit(stage, drawn, records, step, name, Assumptions { no_offset: true, inner_share: INNER_SHARE })
+        })
         .collect();
     (watch.finished)(found.len() as u64);
     Ok(Some(found))
@@ -264,6 +270,7 @@ fn fit(
     records: &[TickRecord],
     place: u64,
     name: String,
+    assumptions: Assumptions,
 ) -> Result<(Fitted, Trace), DataError> {
     let ahead = (1.0 / f64::from(PWM_HZ) - stage.encoder.latency_s) * f64::from(SERVO_HZ);
     let time_s: Vec<f64> = (0..records.len()).map(|i| i as f64 / f64::from(SERVO_HZ)).collect();
@@ -278,7 +285,7 @@ fn fit(
         .collect();
     let (mass_kg, constant) = (stage.mechanics.mass_kg, stage.motor.force_constant_n_per_a);
     let record = Record::from_current(&time_s, &position_m, &current_a, mass_kg, constant)?;
-    let found = dahl::fit(&record)?;
+    let found = dahl::fit_assuming(&record, assumptions)?;
     let fit = Fitted {
         place,
         sigma_n_per_m: found.sigma_n_per_m,
@@ -306,7 +313,7 @@ impl Group {
         let good = || runs().filter_map(|run| run.as_ref().ok());
         let mut refused = BTreeMap::new();
         for error in runs().filter_map(|run| run.as_ref().err()) {
-            *refused.entry(error.to_string()).or_insert(0) += 1;
+            *refused.entry(error.kind().to_owned()).or_insert(0) += 1;
         }
         let worst = good().max_by(|a, b| a.0.mse_n2.total_cmp(&b.0.mse_n2));
         Group {

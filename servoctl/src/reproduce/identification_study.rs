@@ -142,6 +142,8 @@ fn notes() -> Vec<String> {
          8 Hz to -23 % at 32 Hz). Here Dahl's equation is solved exactly, with sample times, initial force and offset as they are.",
         "The profile is added at the force summing node, with an amplitude raised until the stage moves 1.6 µm; the thesis gives \
          neither its amplitude nor its decay.",
+        "Settling turns back once or twice only: there the offset of the current is taken for known (0), and swings below 4 % of the \
+         motion are part of the larger motion around them, as they are for a stage with non-local memory.",
     ]
     .map(str::to_owned)
     .to_vec()
