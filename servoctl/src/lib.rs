@@ -8,6 +8,7 @@
 //! - [`reproduce`]: the thesis' experiments, repeated in simulation
 //! - [`theory`]: chapter 7 of the thesis as functions: settling without and with mass
 //! - [`csv`]: measured columns from a file
+//! - [`thesis`]: the thesis beside the simulation: every number, figure and table, with a verdict
 //! - [`cli`]: the command line, a module per sub-command
 
 pub mod cli;
@@ -19,3 +20,4 @@ pub mod reproduce;
 pub mod settling;
 pub mod table;
 pub mod theory;
+pub mod thesis;

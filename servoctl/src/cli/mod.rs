@@ -10,6 +10,7 @@ pub mod interrupt;
 pub mod merge;
 pub mod output;
 pub mod progress;
+pub mod report;
 pub mod reproduce;
 pub mod theory;
 
@@ -36,6 +37,8 @@ pub enum Command {
     /// Friction models fitted to measured force or current over position
     #[command(subcommand)]
     Fit(fit::Options),
+    /// The thesis beside the simulation: every figure, table and number of it, on one page
+    Report(report::Options),
     /// Join the parts of an experiment that `reproduce --shard` computed
     Merge(merge::Options),
 }
@@ -60,6 +63,7 @@ pub fn run(command: &Command) -> anyhow::Result<()> {
         Command::Theory(options) => theory::run(options),
         Command::Reproduce(options) => reproduce::run(options),
         Command::Fit(options) => fit::run(options),
+        Command::Report(options) => report::run(options),
         Command::Merge(options) => merge::run(options),
     }
 }

@@ -54,6 +54,16 @@ const INNER_SHARE: f64 = 0.04;
 /// Seeds of the settling steps begin here: other friction than that of the profiles.
 const STEPS_FROM: u64 = 1 << 40;
 
+/// Runs at each place and frequency beside `steps` steps, in the thesis' proportion.
+pub fn runs_beside(steps: u64) -> u64 {
+    (steps * RUNS).div_ceil(STEPS)
+}
+
+/// Fits of a study.
+pub fn pieces(runs: u64, steps: u64) -> u64 {
+    runs * PLACES * FREQUENCIES_HZ.len() as u64 + steps
+}
+
 /// One fit.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Fitted {
