@@ -51,6 +51,9 @@ const REST_TICKS: u32 = 400;
 const SETTLING_S: f64 = 0.25;
 /// Swings of settling that are part of the larger motion around them, as a share of its span.
 const INNER_SHARE: f64 = 0.04;
+/// Residual of a fit to settling, as a share of F_C, beyond which Dahl's curve is not what was seen: a stage that turns back before its
+/// friction has developed follows another one.
+const POOR_SHARE: f64 = 0.03;
 /// Seeds of the settling steps begin here: other friction than that of the profiles.
 const STEPS_FROM: u64 = 1 << 40;
 
@@ -263,7 +266,11 @@ fn settle(
     let found: Found = found
         .map(|((records, drawn), step)| {
             let name = format!("settling of step {}", step + 1);
-            fit(stage, drawn, records, step, name, Assumptions { no_offset: true, inner_share: INNER_SHARE })
+            let assumptions = Assumptions { no_offset: true, inner_share: INNER_SHARE };
+            let found = fit(stage, drawn, records, step, name, assumptions)?;
+            let share = found.0.mse_n2.sqrt() / found.0.coulomb_n;
+            let why = format!("the model leaves {:.1} % of F_C", share * 100.0);
+            if share <= POOR_SHARE { Ok(found) } else { Err(DataError::Undetermined { what: "sigma_n_per_m", why }) }
         })
         .collect();
     (watch.finished)(found.len() as u64);
