@@ -59,6 +59,13 @@ pub enum Command {
         /// Some of what differs may only change with the bridge off.
         needs_bridge_off: bool,
     },
+    /// The flash is going to be written: refused with torque on, and from then on torque is refused.
+    BeginSave,
+    /// The flash has been written, or could not be.
+    EndSave {
+        /// Valid parameters are stored.
+        stored: bool,
+    },
 }
 
 /// The answer to a command.
@@ -117,6 +124,10 @@ pub struct Drive {
     settling: Monitor,
     bus_v: f32,
     counters: Counters,
+    /// Nobody has ever stored the parameters in use: no torque on them.
+    uncommissioned: bool,
+    /// The flash is being written: no torque meanwhile.
+    saving: bool,
 }
 
 impl Drive {
@@ -144,7 +155,14 @@ impl Drive {
             settling: Monitor::default(),
             bus_v: 0.0,
             counters: Counters::default(),
+            uncommissioned: false,
+            saving: false,
         }
+    }
+
+    /// A drive whose parameters are defaults that nobody has stored: in a fault until [`Command::EndSave`] says that somebody has.
+    pub fn uncommissioned(config: Config) -> Self {
+        Drive { uncommissioned: true, ..Self::new(config) }
     }
 
     /// Coefficients in use.
@@ -361,7 +379,7 @@ impl Drive {
         } else if self.bus_v > k.bus_max_v {
             Some(Fault::BusOverVoltage)
         } else if !torque {
-            None
+            self.uncommissioned.then_some(Fault::ParametersInvalid)
         } else if self.bus_v < k.bus_min_v {
             Some(Fault::BusUnderVoltage)
         } else if matches!(update, Update::Lost(_)) {
@@ -398,12 +416,26 @@ impl Drive {
                 Ok(())
             }
             Command::Configure { ref config, needs_bridge_off } => self.configure(config, needs_bridge_off),
+            Command::BeginSave => {
+                if self.enable || self.state.has_torque() {
+                    return Err(Refusal::WrongState(self.state));
+                }
+                self.saving = true;
+                Ok(())
+            }
+            Command::EndSave { stored } => {
+                (self.saving, self.uncommissioned) = (false, !stored);
+                Ok(())
+            }
         }
     }
 
     fn enable(&mut self) -> Outcome {
         if matches!(self.state, State::Fault | State::FaultReactionActive) {
             return Err(Refusal::WrongState(self.state));
+        }
+        if self.saving {
+            return Err(Refusal::Saving);
         }
         if !self.tracker.is_valid() {
             return Err(Refusal::NoPosition);

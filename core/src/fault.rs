@@ -20,11 +20,13 @@ pub enum Fault {
     FollowingError = 7,
     /// A servo tick took longer than its limit.
     TickOverrun = 8,
+    /// No valid parameters are stored; the drive runs on defaults and will not be enabled.
+    ParametersInvalid = 23,
 }
 
 impl Fault {
     /// All faults, in order of their numbers.
-    pub const ALL: [Fault; 7] = [
+    pub const ALL: [Fault; 8] = [
         Fault::OverCurrent,
         Fault::BusOverVoltage,
         Fault::BusUnderVoltage,
@@ -32,6 +34,7 @@ impl Fault {
         Fault::EncoderLost,
         Fault::FollowingError,
         Fault::TickOverrun,
+        Fault::ParametersInvalid,
     ];
 
     /// The number.
@@ -49,6 +52,7 @@ impl Fault {
             Fault::EncoderLost => 0x7300,
             Fault::FollowingError => 0x8611,
             Fault::TickOverrun => 0xff01,
+            Fault::ParametersInvalid => 0x6310,
         }
     }
 
@@ -70,6 +74,9 @@ impl Fault {
             Fault::TickOverrun => {
                 "tick overrun: a servo tick took too long; this is a defect of the firmware, report it"
             }
+            Fault::ParametersInvalid => {
+                "parameters invalid: none are stored that can be used; set what differs from the defaults, save, and reset the fault"
+            }
         }
     }
 }
@@ -84,7 +91,7 @@ mod tests {
         let numbers = Fault::ALL.map(|f| (f.number(), f.cia402_code()));
         assert_eq!(
             numbers,
-            [(1, 0x2310), (2, 0x3210), (3, 0x3220), (4, 0x5400), (6, 0x7300), (7, 0x8611), (8, 0xff01)]
+            [(1, 0x2310), (2, 0x3210), (3, 0x3220), (4, 0x5400), (6, 0x7300), (7, 0x8611), (8, 0xff01), (23, 0x6310)]
         );
     }
 }

@@ -20,6 +20,7 @@ mod clocks;
 pub mod control;
 mod critical;
 mod encoder;
+mod flash;
 pub mod last_words;
 mod link;
 mod memory;
@@ -29,8 +30,9 @@ mod pwm;
 mod reset;
 
 pub use control::{Control, PowerStage, StartFault};
+pub use flash::{FlashFault, ParameterFlash};
 pub use link::Link;
-pub use memory::{PARAMETER_SECTOR_BYTES, PARAMETER_SECTORS, stack_free_bytes};
+pub use memory::stack_free_bytes;
 pub use reset::ResetCause;
 
 /// What [`init`] leaves to the application.
@@ -41,6 +43,8 @@ pub struct Board {
     pub link: Result<Link, embassy_stm32::usart::ConfigError>,
     /// Bridge, current converters and encoder: configured, stopped, outputs off.
     pub power_stage: PowerStage,
+    /// The two sectors that keep parameters.
+    pub flash: ParameterFlash,
     /// Core clock, Hz.
     pub core_hz: u32,
     /// Serial number of the chip.
@@ -74,5 +78,6 @@ pub fn init() -> Board {
 
     let link = link::open(p.USART3, p.PD9, p.PD8);
     let serial = [0, 1, 2].map(|word| embassy_stm32::pac::UID.uid(word).read());
-    Board { link, power_stage: PowerStage::new(), core_hz, serial, reset_cause, last_words }
+    let (power_stage, flash) = (PowerStage::new(), ParameterFlash::new());
+    Board { link, power_stage, flash, core_hz, serial, reset_cause, last_words }
 }

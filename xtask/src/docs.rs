@@ -1,0 +1,38 @@
+//! Pages of `docs/` that are made from tables in code.
+
+use anyhow::{Context, Result};
+
+use crate::parameter_page;
+
+/// Where a page is, and what makes it.
+type Page = (&'static str, fn() -> String);
+
+const PAGES: [Page; 1] = [("docs/parameters.md", parameter_page::parameters)];
+
+/// Writes every page anew and says which ones have changed.
+///
+/// # Errors
+/// When a page cannot be written.
+pub fn write() -> Result<()> {
+    for (path, render) in PAGES {
+        let (before, now) = (std::fs::read_to_string(path).unwrap_or_default(), render());
+        std::fs::write(path, &now).with_context(|| format!("writing {path}"))?;
+        println!("{path}: {}", if before == now { "was current" } else { "written" });
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    #[test]
+    fn the_committed_pages_are_current() {
+        let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+        for (path, render) in PAGES {
+            let committed = std::fs::read_to_string(workspace.join(path)).unwrap_or_default();
+            assert!(committed == render(), "run `cargo xtask docs` and commit {path}");
+        }
+    }
+}
