@@ -183,7 +183,8 @@ fn a_move_too_short_to_see_the_whole_ellipse_gives_no_correction_and_says_what_i
 #[test]
 fn channels_that_are_not_sine_and_cosine_of_one_period_are_no_ellipse() {
     let sawtooth = |tick: u32, period: u32| f64::from(tick % period) / f64::from(period) * 2.0 - 1.0;
-    let cases: [(&str, fn(f64, f64) -> [f64; 2]); 4] = [
+    type Channels = fn(f64, f64) -> [f64; 2];
+    let cases: [(&str, Channels); 4] = [
         ("a square instead of the cosine", |a, _| [(TAU * a).sin(), 0.6 * (TAU * a).cos().signum()]),
         ("one channel far smaller", |a, _| [0.3 * (TAU * a).sin(), (TAU * a).cos()]),
         ("both channels the same, but for a little", |a, _| [(TAU * a).cos() + 0.2 * (TAU * a).sin(), (TAU * a).cos()]),
