@@ -28,6 +28,7 @@ pub mod encoder;
 pub mod fault;
 pub mod friction;
 pub mod math;
+pub mod monitor;
 pub mod parameters;
 pub mod position;
 pub mod profile;

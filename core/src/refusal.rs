@@ -80,6 +80,8 @@ pub enum Refusal {
     Busy,
     /// A fault was acknowledged while its cause is still there.
     FaultPersists(Fault),
+    /// The drive is halted by the controlword.
+    Halted,
 }
 
 impl Refusal {
@@ -102,6 +104,7 @@ impl core::fmt::Display for Refusal {
             Refusal::Moving => f.write_str("a motion is running: stop it or wait for its end"),
             Refusal::NoPosition => f.write_str("the encoder gives no valid position"),
             Refusal::FaultPersists(fault) => write!(f, "the cause is still there: {}", fault.explanation()),
+            Refusal::Halted => f.write_str("halted: clear the halt bit of the controlword first"),
             Refusal::Busy => f.write_str("the drive has not yet taken the last command: send this one again"),
         }
     }

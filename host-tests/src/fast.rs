@@ -34,6 +34,7 @@ pub struct FastBench {
     step: Step,
     force_constant_n_per_a: f64,
     bus_code: u16,
+    temperature_code: u16,
     /// Current at the beginning of the last period.
     measured_a: f64,
     moving: bool,
@@ -52,6 +53,7 @@ impl FastBench {
             step: Step::new(stage, 1.0 / f64::from(PWM_HZ * STEPS_PER_PERIOD)),
             force_constant_n_per_a: stage.motor.force_constant_n_per_a,
             bus_code: (stage.amplifier.bus_v / stage.adc.bus_full_scale_v * 65_536.0) as u16,
+            temperature_code: temperature_code(stage),
             measured_a: 0.0,
             moving: false,
         })
@@ -69,9 +71,9 @@ impl FastBench {
         let inputs = Inputs {
             frame: self.carriage.encoder_frame(),
             iq_a: self.measured_a as f32,
-            over_current: false,
             bus_code: self.bus_code,
-            bridge_fault: false,
+            temperature_code: self.temperature_code,
+            signals: 0,
             last_tick_cycles: TICK_CYCLES,
         };
         let output = self.drive.tick(&inputs, command);
@@ -132,6 +134,12 @@ impl FastBench {
             other => Err(Refusal::WrongState(other)),
         }
     }
+}
+
+/// What the converter says of the heat sink.
+fn temperature_code(stage: &Stage) -> u16 {
+    let (zero_c, full_scale_c) = (stage.adc.temperature_zero_c, stage.adc.temperature_full_scale_c);
+    ((stage.amplifier.temperature_c - zero_c) / (full_scale_c - zero_c) * 65_536.0) as u16
 }
 
 /// The current loop as the position loop sees it: the q axis alone, without angles, dead time and converters.

@@ -17,6 +17,8 @@ pub struct Carriage {
     seed: u64,
     position_m: f64,
     velocity_m_per_s: f64,
+    /// Force from outside on the mass, N.
+    external_n: f64,
     /// Displacement that the friction has not been told of: its force is taken in the middle of a step.
     untold_m: f64,
     /// The time it took.
@@ -33,6 +35,7 @@ impl Carriage {
             seed,
             position_m: 0.0,
             velocity_m_per_s: 0.0,
+            external_n: 0.0,
             untold_m: 0.0,
             untold_s: 0.0,
             friction: Friction::new(&stage.friction),
@@ -93,6 +96,7 @@ impl Carriage {
     #[inline]
     pub fn kick(&mut self, step: &Step, force_n: f64) {
         let (dx_m, dt_s) = (std::mem::take(&mut self.untold_m), std::mem::take(&mut self.untold_s));
+        let force_n = force_n + self.external_n;
         let stopping_n = force_n + step.n_s_per_m * self.velocity_m_per_s;
         let friction_n = self.friction.resist(dx_m, dt_s, stopping_n);
         self.velocity_m_per_s = step.glide * self.velocity_m_per_s + step.m_per_n_s * (force_n - friction_n);
@@ -131,6 +135,11 @@ impl Carriage {
     /// Gives the carriage a velocity, m/s: a push that takes no time.
     pub fn set_velocity(&mut self, velocity_m_per_s: f64) {
         self.velocity_m_per_s = velocity_m_per_s;
+    }
+
+    /// From now on something pushes the carriage with this force, N.
+    pub fn set_external_force_n(&mut self, external_n: f64) {
+        self.external_n = external_n;
     }
 
     /// Force of the rolling friction, N; positive opposes positive motion.

@@ -9,7 +9,9 @@ use clap::{Parser, Subcommand};
 mod apt;
 mod bench;
 mod demo;
+mod docs;
 mod embedded;
+mod fault_page;
 mod firmware;
 mod host;
 mod process;
@@ -45,6 +47,8 @@ enum Word {
     },
     /// Measure: instructions of the control loops, speed of the virtual board
     Bench(bench::Options),
+    /// Write the pages of docs/ that are made from tables in code
+    Docs,
     /// Install what is missing: embedded toolchain, QEMU, C compiler (every other word does it by itself)
     Setup {
         /// Only say what would be done
@@ -74,6 +78,7 @@ fn run(word: Word, directory: &Path) -> Result<()> {
         Word::Qemu { bless: false } => qemu::run(),
         Word::Qemu { bless: true } => qemu::bless(),
         Word::Bench(options) => bench::run(&options.seen_from(directory)),
+        Word::Docs => docs::write(),
         Word::Setup { dry_run } => setup::all(dry_run),
     }
 }

@@ -1,0 +1,36 @@
+//! Pages of `docs/` that are made from tables in code.
+
+use anyhow::{Context, Result};
+
+use crate::fault_page;
+
+/// The pages: where they are, and what makes them.
+const PAGES: [(&str, fn() -> String); 1] = [("docs/faults.md", fault_page::faults)];
+
+/// Writes every page anew and says which ones have changed.
+///
+/// # Errors
+/// When a page cannot be written.
+pub fn write() -> Result<()> {
+    for (path, render) in PAGES {
+        let (before, now) = (std::fs::read_to_string(path).unwrap_or_default(), render());
+        std::fs::write(path, &now).with_context(|| format!("writing {path}"))?;
+        println!("{path}: {}", if before == now { "was current" } else { "written" });
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    #[test]
+    fn the_committed_pages_are_current() {
+        let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+        for (path, render) in PAGES {
+            let committed = std::fs::read_to_string(workspace.join(path)).unwrap_or_default();
+            assert!(committed == render(), "run `cargo xtask docs` and commit {path}");
+        }
+    }
+}
