@@ -6,8 +6,8 @@ use crate::PERIODS_PER_TICK;
 use crate::capture::{self, Capture};
 use crate::config::Config;
 use crate::current::{Bridge, CurrentLoop, Demand, PhaseCodes};
-use crate::monitor::signals;
 use crate::drive::{Command, Drive, Inputs, Outcome};
+use crate::monitor::signals;
 use crate::record::TickRecord;
 
 /// Raw values of a servo period.
@@ -105,7 +105,7 @@ impl Axis {
     /// period's position is on the motor one PWM period after it was sampled.
     #[inline]
     pub fn on_servo(&mut self, sample: &ServoSample, command: Option<Command>) -> ServoOutput {
-        if command.is_some_and(|command| self.drive.is_reset(&command)) {
+        if command.as_ref().is_some_and(|command| self.drive.is_reset(command)) {
             self.current.clear_trip();
         }
         let inputs = Inputs::new(sample, &self.current);

@@ -146,7 +146,7 @@ impl Config {
 
 /// Thresholds of the monitors.
 fn monitor(s: &Settings) -> monitor::Coefficients {
-    let (dt_s, window_s) = (f64::from(SERVO_DT_S), f64::from(monitor::WINDOW_S));
+    let window_s = f64::from(monitor::WINDOW_S);
     let to_ct = |m: f64| (m / s.encoder_count_m).min(f64::from(i32::MAX));
     // The code whose value is the limit or next to it on the safe side.
     let highest = |share: f64| libm::floor(share * 65536.0).clamp(0.0, 65535.0) as u16;
@@ -159,11 +159,11 @@ fn monitor(s: &Settings) -> monitor::Coefficients {
         temperature_max_code: highest((s.temperature_max_c - s.temperature_zero_c) / celsius),
         frozen_ticks: if s.encoder_frozen_ticks < 1.0 { u16::MAX } else { s.encoder_frozen_ticks as u16 },
         following_error_max_ct: to_ct(s.following_error_max_m) as i32,
-        overspeed_ct: to_ct(s.overspeed_m_per_s * dt_s) as i32,
+        overspeed_ct: to_ct(s.overspeed_m_per_s * window_s) as i32,
         jump_ct: to_ct(s.encoder_jump_m) as i32,
         tick_limit_cycles: s.tick_limit_cycles as u32,
         runaway_ct: to_ct(s.runaway_m_per_s * window_s) as u32,
-        opposed_a: (2.0 * f64::from(monitor::WINDOW_TICKS) * s.commutation_check_n / s.force_constant_n_per_a) as f32,
+        opposed_a: (2.0 * s.commutation_check_n / s.force_constant_n_per_a) as f32,
         // Far above noise, far below what so much force does in a window.
         opposed_ct: (to_ct(s.encoder_jump_m) / 50.0) as i32 + 1,
         overload_a2: (s.continuous_current_a * s.continuous_current_a) as f32,

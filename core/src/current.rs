@@ -95,7 +95,15 @@ pub struct CurrentLoop {
 
 impl Default for CurrentLoop {
     fn default() -> Self {
-        CurrentLoop { d_integral_v: 0.0, q_integral_v: 0.0, iq_a: 0.0, id_a: 0.0, peak_a: 0.0, tripped: false, saturated: false }
+        CurrentLoop {
+            d_integral_v: 0.0,
+            q_integral_v: 0.0,
+            iq_a: 0.0,
+            id_a: 0.0,
+            peak_a: 0.0,
+            tripped: false,
+            saturated: false,
+        }
     }
 }
 

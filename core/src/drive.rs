@@ -2,23 +2,23 @@
 
 mod obey;
 
-use crate::{PERIODS_PER_TICK, SERVO_HZ};
 use crate::cascade;
 use crate::compensator::{Compensator, Memory, Situation};
 use crate::config::Config;
 use crate::current::Demand;
-use crate::encoder::tracker::{Tracker, Update};
+use crate::encoder::tracker::{FROZEN_AFTER, Tracker, Update};
 use crate::fault::{Fault, Reaction};
+use crate::monitor::Monitor;
 use crate::position::{Position, saturate};
-use crate::monitor::{Monitor, Seen, signals};
 use crate::profile::{Limits, Profile, Setpoint};
 use crate::record::{TickRecord, flags};
 use crate::refusal::Refusal;
 use crate::settling::{self, Settling};
 use crate::state::{self, ControlWord, Request, State, status};
+use crate::{PERIODS_PER_TICK, SERVO_HZ};
 
-/// Ticks after the end of a ramp that the stage is given to come to rest: 10 ms, a period of a 100 Hz loop.
-const REST_TICKS: u32 = SERVO_HZ / 100;
+/// Ticks after the end of a ramp that the stage is given to come to rest: 20 ms, two periods of a 100 Hz loop.
+const REST_TICKS: u32 = SERVO_HZ / 50;
 
 /// What the tick knows of the world.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -109,6 +109,8 @@ pub struct Drive {
     /// Loops closed: the bridge is on.
     torque: bool,
     request: Request,
+    /// Operation enabled, and nothing else is asked for.
+    steady: bool,
     /// [`Command::Enable`] is on its way up.
     climbing: bool,
     control_word: ControlWord,
@@ -131,8 +133,6 @@ pub struct Drive {
     /// The next tick keeps `static_n`, whatever has been changed.
     absorb: bool,
     settling: settling::Monitor,
-    /// Ticks in a row inside the position window.
-    in_window_ticks: u32,
     bus_v: f32,
     counters: Counters,
 }
@@ -147,6 +147,7 @@ impl Drive {
             fault: None,
             torque: false,
             request: Request::default(),
+            steady: false,
             climbing: false,
             control_word: ControlWord::default(),
             monitor: Monitor::default(),
@@ -164,7 +165,6 @@ impl Drive {
             static_n: 0.0,
             absorb: false,
             settling: settling::Monitor::default(),
-            in_window_ticks: 0,
             bus_v: 0.0,
             counters: Counters::default(),
         }
@@ -216,7 +216,7 @@ impl Drive {
 
     /// The set-point rests and the error has been inside the position window for the window time.
     pub fn target_reached(&self) -> bool {
-        self.torque && self.profile.is_done() && self.in_window_ticks >= self.config.window_ticks.max(1)
+        self.torque && !self.was_moving && self.settling.inside_ticks() >= self.config.window_ticks.max(1)
     }
 
     fn bus_is_good(&self) -> bool {
@@ -234,8 +234,9 @@ impl Drive {
 
         let mut reset = false;
         let mut outcome = None;
-        if let Some(command) = command {
-            reset = self.is_reset(&command);
+        if let Some(command) = &command {
+            reset = self.is_reset(command);
+            self.steady = false;
             self.monitor.hear();
             outcome = Some(self.obey(command));
         }
@@ -249,23 +250,9 @@ impl Drive {
         }
         let position = self.tracker.position();
         let step_ct = self.follow_electrical_angle(position);
-        let fault = if self.torque {
-            let seen = Seen {
-                inputs,
-                update,
-                same_readings: self.tracker.same_readings(),
-                was_moving: self.tracker.was_moving(),
-                position,
-                step_ct,
-                error_ct: self.reference.position.minus(position),
-            };
-            self.monitor.check(&self.config.monitor, &seen)
-        } else {
-            self.monitor.check_off(&self.config.monitor, inputs, step_ct)
-        };
         let had_torque = self.torque;
-        if fault.is_some() || self.state != State::OperationEnabled || self.request != Request::EnableOperation {
-            outcome = self.change_state(fault, reset, outcome);
+        if self.has_to_act(inputs, update, step_ct) {
+            outcome = self.act(inputs, update, reset, outcome);
         }
 
         let mut record = TickRecord {
@@ -278,7 +265,8 @@ impl Drive {
             tick_cycles: inputs.last_tick_cycles.min(u32::from(u16::MAX)) as u16,
             flags: if update == Update::Measured { 0 } else { flags::FRAME_BAD }
                 | if self.tracker.warning() { flags::ENCODER_WARNING } else { 0 }
-                | if inputs.signals & signals::VOLTAGE_LIMITED == 0 { 0 } else { flags::VOLTAGE_LIMITED },
+                // Voltage limited: the same order of bits, so that they are moved as one.
+                | (inputs.signals >> 16) as u16 & flags::VOLTAGE_LIMITED,
             ..TickRecord::default()
         };
         if !self.torque {
@@ -300,10 +288,35 @@ impl Drive {
         Output { demand, record, outcome }
     }
 
-    /// The state after this tick; whether the loops are closed; what is kept of a fault; and the answer to a reset.
+    /// Whether this tick is anything but one more of Operation enabled with all well. Only then [`Drive::act`] finds out what.
+    #[inline]
+    fn has_to_act(&mut self, inputs: &Inputs, update: Update, step_ct: i32) -> bool {
+        let error_ct = self.reference.position.minus(self.tracker.position());
+        self.monitor.follow(step_ct);
+        if !self.torque {
+            return true;
+        }
+        let k = &self.config.monitor;
+        let position = self.tracker.position();
+        let slow = self.monitor.watch(k, self.counters.ticks, inputs, position, error_ct);
+        slow || !self.steady
+            || update != Update::Measured
+            || self.tracker.same_readings() >= FROZEN_AFTER
+            || self.monitor.is_alarmed(k, inputs, error_ct)
+    }
+
+    /// Finds the fault, if there is one; then the state after this tick, whether the loops are closed, what is kept of a fault, and the
+    /// answer to a reset.
     #[cold]
     #[inline(never)]
-    fn change_state(&mut self, fault: Option<Fault>, reset: bool, outcome: Option<Outcome>) -> Option<Outcome> {
+    fn act(&mut self, inputs: &Inputs, update: Update, reset: bool, outcome: Option<Outcome>) -> Option<Outcome> {
+        let k = &self.config.monitor;
+        let fault = if self.torque {
+            let error_ct = self.reference.position.minus(self.tracker.position());
+            self.monitor.diagnose(k, self.counters.ticks, inputs, update, &self.tracker, error_ct)
+        } else {
+            self.monitor.check_off(k, inputs)
+        };
         if self.fault.is_none() || reset {
             self.fault = fault;
         }
@@ -342,6 +355,7 @@ impl Drive {
         self.state = state::next(self.state, inputs);
         self.climbing &= self.state != State::OperationEnabled;
         self.torque = self.state.has_torque() || (self.state == State::FaultReactionActive && braking);
+        self.steady = self.state == State::OperationEnabled && self.request == Request::EnableOperation;
         if self.state == State::SwitchOnDisabled && !self.climbing {
             // A request that led here is spent: only a new one leads on.
             self.request = Request::DisableVoltage;
@@ -362,7 +376,7 @@ impl Drive {
         self.profile = Profile::at_rest(position);
         self.reference = self.profile.advance();
         self.was_moving = false;
-        self.in_window_ticks = 0;
+        self.settling.restart(true);
         self.monitor.restart(position);
         self.cascade.reset(0);
         self.nonlinear_n = 0.0;
@@ -415,11 +429,8 @@ impl Drive {
             if !self.was_moving {
                 self.settling.restart(self.profile.target() >= record.position);
             }
-            self.in_window_ticks = 0;
         } else {
-            self.settling.update(record.error_ct, &k.tolerances_ct);
-            let inside = record.error_ct.unsigned_abs() <= k.window_ct.unsigned_abs();
-            self.in_window_ticks = if inside { self.in_window_ticks.saturating_add(1) } else { 0 };
+            self.settling.update(record.error_ct, &k.tolerances_ct, k.window_ct);
         }
         self.was_moving = moving;
 
@@ -468,6 +479,8 @@ impl Drive {
         let c = &mut self.counters;
         c.ticks = c.ticks.wrapping_add(1);
         c.longest_tick_cycles = c.longest_tick_cycles.max(inputs.last_tick_cycles);
-        c.overruns = c.overruns.saturating_add(u32::from(inputs.last_tick_cycles > self.config.monitor.tick_limit_cycles));
+        if inputs.last_tick_cycles > self.config.monitor.tick_limit_cycles {
+            c.overruns = c.overruns.saturating_add(1);
+        }
     }
 }

@@ -93,7 +93,7 @@ faults! {
         "The speed changed by more from tick to tick than the motor can make it.", "Clean the scale; after a collision, look for damage.";
     14 MotorOverload 0x2350 MayBrake "4 ticks, after the thermal model", "motor overload (i²t)",
         "The mean square of the current is above that of the continuous current.", "Less load, slower moves or longer pauses.";
-    15 Overspeed 0x8400 Off "1 tick", "overspeed",
+    15 Overspeed 0x8400 Off "up to 6 ticks", "overspeed",
         "The stage is faster than its limit.", "Check limit, gains and commutation.";
     16 Runaway 0x8500 Off "up to 8 ticks", "runaway",
         "The stage departs from its set-point faster than its limit.", "Check commutation and gains; look for an external force.";

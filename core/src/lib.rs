@@ -17,6 +17,7 @@
 //! The current loop runs once per PWM period ([`PWM_HZ`]), the servo tick in every fifth ([`SERVO_HZ`]).
 #![no_std]
 
+pub mod alignment;
 pub mod axis;
 pub mod capture;
 pub mod cascade;

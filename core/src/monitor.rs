@@ -6,7 +6,7 @@
 use crate::SERVO_DT_S;
 use crate::drive::Inputs;
 use crate::encoder::biss::FrameError;
-use crate::encoder::tracker::{Cause, FROZEN_AFTER, Update};
+use crate::encoder::tracker::{Cause, FROZEN_AFTER, Tracker, Update};
 use crate::fault::Fault;
 use crate::position::Position;
 
@@ -28,12 +28,12 @@ pub mod signals {
     pub const PARAMETERS_INVALID: u32 = 1 << 6;
     /// All bits that are faults.
     pub const FAULTS: u32 = 0xffff;
-    /// The current loop asks for more voltage than the bus gives: a limit, not a fault.
-    pub const VOLTAGE_LIMITED: u32 = 1 << 16;
+    /// The current loop asks for more voltage than the bus gives: a limit, not a fault. The upper half has the order of the record's flags.
+    pub const VOLTAGE_LIMITED: u32 = (crate::record::flags::VOLTAGE_LIMITED as u32) << 16;
 }
 
 /// Ticks in a window of the slower checks.
-pub const WINDOW_TICKS: u8 = 4;
+pub const WINDOW_TICKS: u32 = 4;
 /// Length of a window, s.
 pub const WINDOW_S: f32 = SERVO_DT_S * WINDOW_TICKS as f32;
 /// Windows of acceleration against the force in a row that are a fault.
@@ -53,7 +53,7 @@ pub struct Coefficients {
     pub frozen_ticks: u16,
     /// Largest position error, counts.
     pub following_error_max_ct: i32,
-    /// Largest movement in a tick, counts.
+    /// Largest movement in a window, counts.
     pub overspeed_ct: i32,
     /// Largest change of the movement from tick to tick, counts.
     pub jump_ct: i32,
@@ -61,7 +61,7 @@ pub struct Coefficients {
     pub tick_limit_cycles: u32,
     /// Largest growth of the position error in a window, counts.
     pub runaway_ct: u32,
-    /// Sum of the currents of two windows from which on acceleration must have their sign, A.
+    /// Sum of the currents at both ends of a window from which on the stage must not go against them, A.
     pub opposed_a: f32,
     /// Movement in a window, and its change to the last, against that sign which count, counts.
     pub opposed_ct: i32,
@@ -77,43 +77,25 @@ pub struct Coefficients {
     pub silent_windows: u32,
 }
 
-/// What the checks look at in a tick.
-#[derive(Clone, Copy, Debug)]
-pub struct Seen<'a> {
-    /// Inputs of the tick.
-    pub inputs: &'a Inputs,
-    /// What became of the encoder frame.
-    pub update: Update,
-    /// Equal readings in a row.
-    pub same_readings: u16,
-    /// The stage was measurably moving before the readings were equal.
-    pub was_moving: bool,
-    /// Position.
-    pub position: Position,
-    /// Movement since the last tick, counts.
-    pub step_ct: i32,
-    /// Set-point − position, counts.
-    pub error_ct: i32,
-}
-
 /// The memory of the checks.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Monitor {
-    last_step_ct: i32,
-    tick: u8,
-    /// Windows in a row with the same sum of currents, to the last bit.
-    same_sums: u16,
-    opposed: u8,
-    sum_a: f32,
-    last_sum_a: f32,
-    sum_a2: f32,
-    heat_a2: f32,
+    step_ct: i32,
+    /// Change of the movement from the last tick to this one, counts.
+    change_ct: i32,
     /// Low 32 bits of the position where the last window ended.
     window_at: i32,
     window_step_ct: i32,
     window_error_ct: u32,
+    window_a: f32,
+    sampled_a: f32,
+    heat_a2: f32,
     silent_windows: u32,
+    /// Windows in a row with the same current, to the last bit.
+    same_currents: u16,
+    opposed: u8,
+    runs_away: bool,
 }
 
 impl Monitor {
@@ -121,7 +103,7 @@ impl Monitor {
     pub fn restart(&mut self, position: Position) {
         *self = Monitor {
             heat_a2: self.heat_a2,
-            last_step_ct: self.last_step_ct,
+            step_ct: self.step_ct,
             window_at: position.0 as i32,
             ..Monitor::default()
         };
@@ -137,27 +119,106 @@ impl Monitor {
         self.heat_a2
     }
 
-    /// The first thing that is wrong in a tick with the loops closed.
+    /// Takes the movement of this tick, counts.
     #[inline]
-    pub fn check(&mut self, k: &Coefficients, seen: &Seen) -> Option<Fault> {
-        let slow = self.slow(k, seen);
-        let change_ct = seen.step_ct.wrapping_sub(self.last_step_ct);
-        self.last_step_ct = seen.step_ct;
-        let wrong = seen.inputs.signals << 16 != 0
-            || seen.inputs.bus_code.wrapping_sub(k.bus_min_code) > k.bus_max_code.wrapping_sub(k.bus_min_code)
-            || seen.inputs.last_tick_cycles > k.tick_limit_cycles
-            || seen.same_readings >= FROZEN_AFTER
-            || beyond(seen.error_ct, k.following_error_max_ct)
-            || beyond(seen.step_ct, k.overspeed_ct)
-            || beyond(change_ct, k.jump_ct)
-            || !matches!(seen.update, Update::Measured);
-        if wrong { diagnose(k, seen, change_ct).or(slow) } else { slow }
+    pub fn follow(&mut self, step_ct: i32) {
+        self.change_ct = step_ct.wrapping_sub(self.step_ct);
+        self.step_ct = step_ct;
     }
 
-    /// The first thing that is wrong in a tick with the bridge off.
+    /// Whether one of the checks of every tick finds something, encoder frames apart.
     #[inline]
-    pub fn check_off(&mut self, k: &Coefficients, inputs: &Inputs, step_ct: i32) -> Option<Fault> {
-        self.last_step_ct = step_ct;
+    pub fn is_alarmed(&self, k: &Coefficients, inputs: &Inputs, error_ct: i32) -> bool {
+        inputs.signals << 16 != 0
+            || inputs.bus_code.wrapping_sub(k.bus_min_code) > k.bus_max_code.wrapping_sub(k.bus_min_code)
+            || inputs.last_tick_cycles > k.tick_limit_cycles
+            || beyond(error_ct, k.following_error_max_ct)
+            || beyond(self.change_ct, k.jump_ct)
+    }
+
+    /// The slower check whose turn it is in tick number `ticks`; whether it finds something.
+    #[inline]
+    pub fn watch(&mut self, k: &Coefficients, ticks: u32, inputs: &Inputs, position: Position, error_ct: i32) -> bool {
+        match ticks % WINDOW_TICKS {
+            0 => {
+                // Movement and acceleration over the window, against the force at its ends.
+                let step_ct = (position.0 as i32).wrapping_sub(self.window_at);
+                let change_ct = step_ct.wrapping_sub(self.window_step_ct);
+                let sum_a = inputs.iq_a + self.window_a;
+                (self.window_at, self.window_step_ct, self.window_a) = (position.0 as i32, step_ct, inputs.iq_a);
+                let against_ct =
+                    if sum_a < 0.0 { change_ct.min(step_ct) } else { change_ct.max(step_ct).wrapping_neg() };
+                let opposed = sum_a.abs() > k.opposed_a && against_ct > k.opposed_ct;
+                self.opposed = if opposed { self.opposed + 1 } else { 0 };
+                self.opposed >= OPPOSED_WINDOWS
+            }
+            1 => {
+                self.heat_a2 += k.overload_share * (inputs.iq_a * inputs.iq_a - self.heat_a2);
+                let same = inputs.iq_a == self.sampled_a;
+                self.sampled_a = inputs.iq_a;
+                self.same_currents = if same { self.same_currents.saturating_add(1) } else { 0 };
+                self.heat_a2 > k.overload_a2
+                    || self.same_currents >= k.frozen_ticks
+                    || inputs.temperature_code > k.temperature_max_code
+            }
+            2 => {
+                let error_ct = error_ct.unsigned_abs();
+                self.runs_away = error_ct > self.window_error_ct.saturating_add(k.runaway_ct);
+                self.window_error_ct = error_ct;
+                self.runs_away || beyond(self.window_step_ct, k.overspeed_ct)
+            }
+            _ => {
+                self.silent_windows = self.silent_windows.saturating_add(1);
+                self.silent_windows > k.silent_windows || position < k.position_min || position > k.position_max
+            }
+        }
+    }
+
+    /// What is wrong in a tick with the loops closed, the cause before its effects; `None` if a limit was only come near to.
+    pub fn diagnose(
+        &self,
+        k: &Coefficients,
+        ticks: u32,
+        inputs: &Inputs,
+        update: Update,
+        tracker: &Tracker,
+        error_ct: i32,
+    ) -> Option<Fault> {
+        let same = tracker.same_readings();
+        let frozen_after = if tracker.was_moving() { FROZEN_AFTER } else { k.frozen_ticks };
+        let jumped = beyond(self.change_ct, k.jump_ct);
+        let lost = match update {
+            Update::Lost(cause) => Some(cause),
+            Update::Measured | Update::Held(_) => None,
+        };
+        let turn = ticks % WINDOW_TICKS;
+        let position = tracker.position();
+        let outside = position < k.position_min || position > k.position_max;
+        let findings = [
+            (inputs.bus_code > k.bus_max_code, Fault::BusOverVoltage),
+            (inputs.bus_code < k.bus_min_code, Fault::BusUnderVoltage),
+            (lost == Some(Cause::Frame(FrameError::Missing)), Fault::EncoderLost),
+            (lost == Some(Cause::Frame(FrameError::Crc)), Fault::EncoderChecksum),
+            (lost == Some(Cause::ErrorBit), Fault::EncoderErrorBit),
+            // Nothing stops so suddenly, and on the same count.
+            (same >= frozen_after || (same > 0 && jumped), Fault::EncoderFrozen),
+            (jumped, Fault::EncoderJump),
+            (turn == 0 && self.opposed >= OPPOSED_WINDOWS, Fault::WrongCommutation),
+            (turn == 2 && beyond(self.window_step_ct, k.overspeed_ct), Fault::Overspeed),
+            (turn == 2 && self.runs_away, Fault::Runaway),
+            (beyond(error_ct, k.following_error_max_ct), Fault::FollowingError),
+            (turn == 1 && self.same_currents >= k.frozen_ticks, Fault::CurrentFrozen),
+            (inputs.temperature_code > k.temperature_max_code, Fault::OverTemperature),
+            (self.heat_a2 > k.overload_a2, Fault::MotorOverload),
+            (turn == 3 && outside, Fault::PositionLimit),
+            (turn == 3 && self.silent_windows > k.silent_windows, Fault::CommandTimeout),
+            (inputs.last_tick_cycles > k.tick_limit_cycles, Fault::TickOverrun),
+        ];
+        signalled(inputs.signals).or_else(|| findings.iter().find(|(found, _)| *found).map(|(_, fault)| *fault))
+    }
+
+    /// What is wrong in a tick with the bridge off.
+    pub fn check_off(&mut self, k: &Coefficients, inputs: &Inputs) -> Option<Fault> {
         self.heat_a2 -= k.overload_share * (1.0 / WINDOW_TICKS as f32) * self.heat_a2;
         if inputs.signals & signals::FAULTS != 0 {
             signalled(inputs.signals)
@@ -168,68 +229,6 @@ impl Monitor {
         } else {
             None
         }
-    }
-
-    /// Sums of every tick, and the check whose turn it is.
-    #[inline]
-    fn slow(&mut self, k: &Coefficients, seen: &Seen) -> Option<Fault> {
-        let iq_a = seen.inputs.iq_a;
-        self.sum_a += iq_a;
-        self.sum_a2 += iq_a * iq_a;
-        self.tick = (self.tick + 1) % WINDOW_TICKS;
-        let (wrong, fault) = match self.tick {
-            0 => {
-                let opposed = self.end_window(k, seen.position);
-                if self.same_sums >= k.frozen_ticks {
-                    (true, Fault::CurrentFrozen)
-                } else {
-                    (opposed, Fault::WrongCommutation)
-                }
-            }
-            1 => {
-                let mean_a2 = core::mem::take(&mut self.sum_a2) * (1.0 / WINDOW_TICKS as f32);
-                self.heat_a2 += k.overload_share * (mean_a2 - self.heat_a2);
-                if seen.inputs.temperature_code > k.temperature_max_code {
-                    (true, Fault::OverTemperature)
-                } else {
-                    (self.heat_a2 > k.overload_a2, Fault::MotorOverload)
-                }
-            }
-            2 => {
-                let error_ct = seen.error_ct.unsigned_abs();
-                let grown = error_ct > self.window_error_ct.saturating_add(k.runaway_ct);
-                self.window_error_ct = error_ct;
-                (grown, Fault::Runaway)
-            }
-            _ => {
-                self.silent_windows = self.silent_windows.saturating_add(1);
-                if self.silent_windows > k.silent_windows {
-                    (true, Fault::CommandTimeout)
-                } else {
-                    (seen.position < k.position_min || seen.position > k.position_max, Fault::PositionLimit)
-                }
-            }
-        };
-        wrong.then_some(fault)
-    }
-
-    /// End of a window: whether the stage has for some time moved and accelerated against a force that is no friction.
-    #[inline]
-    fn end_window(&mut self, k: &Coefficients, position: Position) -> bool {
-        let at = position.0 as i32;
-        let step_ct = at.wrapping_sub(self.window_at);
-        let change_ct = step_ct.wrapping_sub(self.window_step_ct);
-        let sum_a = self.sum_a + self.last_sum_a;
-        self.window_at = at;
-        self.window_step_ct = step_ct;
-        self.same_sums = if self.sum_a == self.last_sum_a { self.same_sums.saturating_add(1) } else { 0 };
-        self.last_sum_a = self.sum_a;
-        self.sum_a = 0.0;
-        let against_ct =
-            if sum_a < 0.0 { change_ct.min(step_ct) } else { change_ct.max(step_ct).wrapping_neg() };
-        let opposed = sum_a.abs() > k.opposed_a && against_ct > k.opposed_ct;
-        self.opposed = if opposed { self.opposed + 1 } else { 0 };
-        self.opposed >= OPPOSED_WINDOWS
     }
 }
 
@@ -253,40 +252,6 @@ fn signalled(bits: u32) -> Option<Fault> {
         (TASK_HUNG, Fault::TaskHung),
     ];
     table.iter().find(|(bit, _)| bits & bit != 0).map(|(_, fault)| *fault)
-}
-
-/// Which of the checks of every tick it was; `None` if a limit was only come near to.
-#[cold]
-#[inline(never)]
-fn diagnose(k: &Coefficients, seen: &Seen, change_ct: i32) -> Option<Fault> {
-    let inputs = seen.inputs;
-    let frozen_after = if seen.was_moving { FROZEN_AFTER } else { k.frozen_ticks };
-    if let Some(fault) = signalled(inputs.signals) {
-        Some(fault)
-    } else if inputs.bus_code > k.bus_max_code {
-        Some(Fault::BusOverVoltage)
-    } else if inputs.bus_code < k.bus_min_code {
-        Some(Fault::BusUnderVoltage)
-    } else if let Update::Lost(cause) = seen.update {
-        Some(match cause {
-            Cause::Frame(FrameError::Missing) => Fault::EncoderLost,
-            Cause::Frame(FrameError::Crc) => Fault::EncoderChecksum,
-            Cause::ErrorBit => Fault::EncoderErrorBit,
-        })
-    } else if seen.same_readings >= frozen_after || (seen.same_readings > 0 && beyond(change_ct, k.jump_ct)) {
-        // Nothing stops so suddenly, and on the same count.
-        Some(Fault::EncoderFrozen)
-    } else if beyond(change_ct, k.jump_ct) {
-        Some(Fault::EncoderJump)
-    } else if beyond(seen.step_ct, k.overspeed_ct) {
-        Some(Fault::Overspeed)
-    } else if beyond(seen.error_ct, k.following_error_max_ct) {
-        Some(Fault::FollowingError)
-    } else if inputs.last_tick_cycles > k.tick_limit_cycles {
-        Some(Fault::TickOverrun)
-    } else {
-        None
-    }
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! Point-to-point profiles: trapezoids and triangles that end on the exact integer target.
+//! Point-to-point profiles, with or without a limit of jerk, that end on the exact integer target.
 
 use crate::SERVO_DT_S;
 use crate::position::Position;
@@ -16,7 +16,7 @@ pub struct Setpoint {
     pub done: bool,
 }
 
-/// Speed and acceleration limits of a motion.
+/// Limits of a motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -25,9 +25,77 @@ pub struct Limits {
     pub velocity_m_per_s: f32,
     /// Acceleration and deceleration, m/s², above 0.
     pub acceleration_m_per_s2: f32,
+    /// Jerk, m/s³, above 0: an S-curve; `None`: acceleration steps, a trapezoid or triangle of speed.
+    pub jerk_m_per_s3: Option<f32>,
 }
 
-/// A rest-to-rest motion with constant acceleration, an optional cruise and the same deceleration.
+/// From rest to a speed: acceleration grows, stays, and falls to nothing again; without a limit of jerk it only stays.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Ramp {
+    /// Length of the part in which acceleration grows, and of that in which it falls, s.
+    ease_s: f64,
+    /// Length of the whole, s.
+    length_s: f64,
+    /// Largest acceleration.
+    acceleration_m_per_s2: f64,
+    jerk_m_per_s3: f64,
+    /// Speed at the end.
+    velocity_m_per_s: f64,
+}
+
+impl Ramp {
+    /// The shortest ramp from rest to the highest speed that a motion over `distance_m` allows.
+    ///
+    /// With speed limit V, acceleration limit A and jerk limit J, a ramp to V has a part of constant acceleration only if V J > A².
+    /// Where the distance is shorter than two such ramps, they meet, A being reached (distance ≥ 2 A³/J²) or not.
+    fn longest(distance_m: f64, limits: &Limits) -> Self {
+        let (v, a) = (f64::from(limits.velocity_m_per_s), f64::from(limits.acceleration_m_per_s2));
+        let Some(jerk) = limits.jerk_m_per_s3.map(f64::from) else {
+            let length_s = (v / a).min(libm::sqrt(distance_m / a));
+            return Ramp { length_s, acceleration_m_per_s2: a, velocity_m_per_s: a * length_s, ..Ramp::default() };
+        };
+        let full_ease_s = a / jerk;
+        let mut ease_s = full_ease_s.min(libm::sqrt(v / jerk));
+        let mut length_s = ease_s + v / (jerk * ease_s);
+        if v * length_s > distance_m {
+            ease_s = full_ease_s.min(libm::cbrt(0.5 * distance_m / jerk));
+            // distance = acceleration · (length − ease) · length
+            let half_s = 0.5 * ease_s;
+            let reached_s = half_s + libm::sqrt(half_s * half_s + distance_m / a);
+            length_s = if ease_s < full_ease_s { 2.0 * ease_s } else { reached_s };
+        }
+        let acceleration_m_per_s2 = jerk * ease_s;
+        let velocity_m_per_s = acceleration_m_per_s2 * (length_s - ease_s);
+        Ramp { ease_s, length_s, acceleration_m_per_s2, jerk_m_per_s3: jerk, velocity_m_per_s }
+    }
+
+    /// Distance covered at its end, m: what half its time at full speed would.
+    fn distance_m(&self) -> f64 {
+        0.5 * self.velocity_m_per_s * self.length_s
+    }
+
+    /// Distance covered (m), speed and acceleration `s` seconds after its beginning; beyond its end, at full speed.
+    #[inline]
+    fn after(&self, s: f64) -> (f64, f64, f64) {
+        let (a, j) = (self.acceleration_m_per_s2, self.jerk_m_per_s3);
+        let left = self.length_s - s;
+        if left < self.ease_s {
+            // What full speed would have covered, and a little more: the speed was not full yet.
+            let at_speed_m = (s - 0.5 * self.length_s) * self.velocity_m_per_s;
+            let left = left.max(0.0);
+            let jl = j * left;
+            (at_speed_m + jl * left * left * (1.0 / 6.0), self.velocity_m_per_s - 0.5 * jl * left, jl)
+        } else if s < self.ease_s {
+            let js = j * s;
+            (js * s * s * (1.0 / 6.0), 0.5 * js * s, js)
+        } else {
+            let since = s - 0.5 * self.ease_s;
+            (a * (0.5 * since * since + self.ease_s * self.ease_s * (1.0 / 24.0)), a * since, a)
+        }
+    }
+}
+
+/// A rest-to-rest motion, time-optimal for its limits: a ramp, an optional cruise and the same ramp backwards. A stop is its end.
 ///
 /// The distance covered is evaluated in closed form from the tick number (`f64`, hardware on the target), so that no error
 /// accumulates: the deceleration counts back from the target and the last set-point *is* the target.
@@ -38,44 +106,34 @@ pub struct Profile {
     tick: u32,
     end_tick: u32,
     counts_per_m: f64,
-    distance_m: f64,
-    acceleration_m_per_s2: f64,
-    peak_m_per_s: f64,
-    accelerate_until_s: f64,
+    ramp: Ramp,
+    /// What the time since the start is counted from: 0, or for a stop where the cruise would end.
+    from_s: f64,
+    /// Distance covered there.
+    from_m: f64,
+    /// Until here it accelerates or cruises.
     decelerate_from_s: f64,
+    distance_m: f64,
     end_s: f64,
 }
 
 impl Profile {
     /// Standing still at `position`.
     pub fn at_rest(position: Position) -> Self {
-        Profile {
-            start: position,
-            target: position,
-            tick: 0,
-            end_tick: 0,
-            counts_per_m: 1.0,
-            distance_m: 0.0,
-            acceleration_m_per_s2: 0.0,
-            peak_m_per_s: 0.0,
-            accelerate_until_s: 0.0,
-            decelerate_from_s: 0.0,
-            end_s: 0.0,
-        }
+        Self::new(position, position, 1.0, Ramp::default(), 0.0, 0.0)
     }
 
-    /// From rest at `start` to rest at `target`: a triangle if the distance is too short to reach `limits.velocity_m_per_s`,
-    /// else a trapezoid.
+    /// From rest at `start` to rest at `target`, as fast as `limits` allow: speed is a trapezoid or a triangle, its corners rounded
+    /// where jerk is limited.
     ///
     /// # Range
     /// Limits are finite and above 0 (the caller's check); the distance is below 2³² counts. `count_m` is metres per count.
     pub fn between(start: Position, target: Position, limits: Limits, count_m: f64) -> Self {
         let distance_m = (target.0.wrapping_sub(start.0)).unsigned_abs() as f64 * count_m;
-        let acceleration = f64::from(limits.acceleration_m_per_s2);
-        let peak = f64::from(limits.velocity_m_per_s).min(libm::sqrt(acceleration * distance_m));
-        let ramp_s = peak / acceleration;
-        let cruise_s = if peak > 0.0 { (distance_m / peak - ramp_s).max(0.0) } else { 0.0 };
-        Self::timed(start, target, count_m, distance_m, acceleration, peak, [ramp_s, cruise_s, ramp_s])
+        let ramp = Ramp::longest(distance_m, &limits);
+        let v = ramp.velocity_m_per_s;
+        let cruise_s = if v > 0.0 { (distance_m / v - ramp.length_s).max(0.0) } else { 0.0 };
+        Self::new(start, target, count_m, ramp, cruise_s, 0.0)
     }
 
     /// From `start`, moving at `velocity_m_per_s` (signed), to rest with constant `deceleration_m_per_s2`.
@@ -83,34 +141,31 @@ impl Profile {
     /// The target is the count nearest to where that ends. Ranges as in [`Profile::between`].
     pub fn stopping(start: Position, velocity_m_per_s: f32, deceleration_m_per_s2: f32, count_m: f64) -> Self {
         let (speed, deceleration) = (f64::from(velocity_m_per_s).abs(), f64::from(deceleration_m_per_s2));
-        let distance_m = speed * speed / (2.0 * deceleration);
-        let counts = (distance_m / count_m + 0.5) as i64;
+        let ramp = Ramp {
+            length_s: speed / deceleration,
+            acceleration_m_per_s2: deceleration,
+            velocity_m_per_s: speed,
+            ..Ramp::default()
+        };
+        let counts = (ramp.distance_m() / count_m + 0.5) as i64;
         let target = start.plus(if velocity_m_per_s < 0.0 { -counts } else { counts });
-        Self::timed(start, target, count_m, distance_m, deceleration, speed, [0.0, 0.0, speed / deceleration])
+        Self::new(start, target, count_m, ramp, 0.0, ramp.length_s)
     }
 
-    fn timed(
-        start: Position,
-        target: Position,
-        count_m: f64,
-        distance_m: f64,
-        acceleration_m_per_s2: f64,
-        peak_m_per_s: f64,
-        legs_s: [f64; 3],
-    ) -> Self {
-        let [accelerate, cruise, decelerate] = legs_s;
-        let end_s = accelerate + cruise + decelerate;
+    fn new(start: Position, target: Position, count_m: f64, ramp: Ramp, cruise_s: f64, from_s: f64) -> Self {
+        let decelerate_from_s = ramp.length_s + cruise_s;
+        let end_s = decelerate_from_s + ramp.length_s;
         Profile {
             start,
             target,
             tick: 0,
-            end_tick: libm::ceil(end_s / f64::from(SERVO_DT_S)) as u32,
+            end_tick: libm::ceil((end_s - from_s) / f64::from(SERVO_DT_S)) as u32,
             counts_per_m: 1.0 / count_m,
-            distance_m,
-            acceleration_m_per_s2,
-            peak_m_per_s,
-            accelerate_until_s: accelerate,
-            decelerate_from_s: accelerate + cruise,
+            ramp,
+            from_s,
+            from_m: if from_s > 0.0 { ramp.distance_m() } else { 0.0 },
+            decelerate_from_s,
+            distance_m: 2.0 * ramp.distance_m() + cruise_s * ramp.velocity_m_per_s,
             end_s,
         }
     }
@@ -122,7 +177,7 @@ impl Profile {
 
     /// Time from start to end, s. The reference is on target from the first tick at or after it.
     pub fn duration_s(&self) -> f64 {
-        self.end_s
+        self.end_s - self.from_s
     }
 
     /// The last set-point given was the target.
@@ -140,19 +195,12 @@ impl Profile {
         if self.is_done() {
             return Setpoint { position: self.target, velocity_m_per_s: 0.0, acceleration_m_per_s2: 0.0, done: true };
         }
-        let t = f64::from(self.tick) * f64::from(SERVO_DT_S);
-        let a = self.acceleration_m_per_s2;
-        let (covered_m, speed, acceleration) = if t < self.accelerate_until_s {
-            (0.5 * a * t * t, a * t, a)
-        } else if t < self.decelerate_from_s {
-            let since = t - self.accelerate_until_s;
-            ((0.5 * self.accelerate_until_s + since) * self.peak_m_per_s, self.peak_m_per_s, 0.0)
-        } else {
-            let left = self.end_s - t;
-            (self.distance_m - 0.5 * a * left * left, a * left, -a)
-        };
+        let t = self.from_s + f64::from(self.tick) * f64::from(SERVO_DT_S);
+        let braking = t >= self.decelerate_from_s;
+        let (m, speed, acceleration) = self.ramp.after(if braking { self.end_s - t } else { t });
+        let (covered_m, acceleration) = if braking { (self.distance_m - m, -acceleration) } else { (m, acceleration) };
         // Counts covered fit u32 (range above), which converts in one instruction where i64 takes a library call.
-        let counts = i64::from((covered_m * self.counts_per_m + 0.5) as u32);
+        let counts = i64::from(((covered_m - self.from_m) * self.counts_per_m + 0.5) as u32);
         let forward = self.target >= self.start;
         let sign = if forward { 1.0 } else { -1.0 };
         Setpoint {
@@ -174,7 +222,7 @@ mod tests {
     const COUNT_M: f64 = 4e-6 / 65536.0;
 
     fn limits(velocity_m_per_s: f32, acceleration_m_per_s2: f32) -> Limits {
-        Limits { velocity_m_per_s, acceleration_m_per_s2 }
+        Limits { velocity_m_per_s, acceleration_m_per_s2, jerk_m_per_s3: None }
     }
 
     fn run(mut profile: Profile) -> Vec<Setpoint> {
@@ -227,16 +275,17 @@ mod tests {
         #[test]
         fn every_profile_arrives_exactly_and_keeps_its_limits(
             start in -1_000_000_000i64..1_000_000_000, distance in -1_600_000_000i64..1_600_000_000,
-            velocity in 1e-3f32..1.0, acceleration in 1e-2f32..50.0,
+            velocity in 1e-3f32..1.0, acceleration in 1e-2f32..50.0, jerk in proptest::option::of(1f32..1e5),
         ) {
             let target = Position(start + distance);
-            let points = run(Profile::between(Position(start), target, limits(velocity, acceleration), COUNT_M));
+            let limits = Limits { jerk_m_per_s3: jerk, ..limits(velocity, acceleration) };
+            let points = run(Profile::between(Position(start), target, limits, COUNT_M));
             if let Some(last) = points.last() {
                 prop_assert_eq!(last.position, target);
                 prop_assert!(last.done);
             }
             let dt = f64::from(SERVO_DT_S);
-            let mut before = start;
+            let (mut before, mut acceleration_before) = (start, 0.0);
             for p in &points {
                 let step_m = (p.position.0 - before) as f64 * COUNT_M;
                 let (v, a) = (f64::from(velocity), f64::from(acceleration));
@@ -244,13 +293,20 @@ mod tests {
                 prop_assert!(step_m * distance as f64 >= 0.0, "never backwards");
                 prop_assert!(f64::from(p.velocity_m_per_s).abs() <= v * 1.000_001);
                 prop_assert!(f64::from(p.acceleration_m_per_s2).abs() <= a * 1.000_001);
-                before = p.position.0;
+                if let (Some(jerk), false) = (jerk, p.done) {
+                    let change = f64::from(p.acceleration_m_per_s2) - acceleration_before;
+                    prop_assert!(change.abs() <= f64::from(jerk) * dt + 1e-6 * a, "jerk at {p:?}");
+                }
+                (before, acceleration_before) = (p.position.0, f64::from(p.acceleration_m_per_s2));
             }
         }
 
         #[test]
-        fn the_stated_speed_is_the_slope_of_the_position(distance in 1_000_000i64..100_000_000, acceleration in 0.1f32..10.0) {
-            let mut profile = Profile::between(Position(0), Position(distance), limits(0.05, acceleration), COUNT_M);
+        fn the_stated_speed_is_the_slope_of_the_position(distance in 1_000_000i64..100_000_000, acceleration in 0.1f32..10.0,
+            jerk in proptest::option::of(1f32..1e5),
+        ) {
+            let limits = Limits { jerk_m_per_s3: jerk, ..limits(0.05, acceleration) };
+            let mut profile = Profile::between(Position(0), Position(distance), limits, COUNT_M);
             let mut before = profile.advance();
             while !profile.is_done() {
                 let now = profile.advance();

@@ -29,6 +29,8 @@ pub enum Field {
     Decimation,
     /// Measured bus voltage, V.
     BusVoltage,
+    /// Jerk of a move, m/s³.
+    Jerk,
 }
 
 impl Field {
@@ -48,6 +50,7 @@ impl Field {
             Field::Samples => ("samples", ""),
             Field::Decimation => ("decimation", ""),
             Field::BusVoltage => ("bus voltage", "V"),
+            Field::Jerk => ("jerk", "m/s³"),
         }
     }
 }

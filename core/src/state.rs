@@ -186,23 +186,23 @@ pub const fn next(state: State, inputs: Inputs) -> State {
         (SwitchOnDisabled, Shutdown) => ReadyToSwitchOn, // 2
         (SwitchOnDisabled, _) => SwitchOnDisabled,
 
-        (ReadyToSwitchOn, SwitchOn | EnableOperation) => SwitchedOn,        // 3
+        (ReadyToSwitchOn, SwitchOn | EnableOperation) => SwitchedOn, // 3
         (ReadyToSwitchOn, DisableVoltage | QuickStop) => SwitchOnDisabled, // 7
         (ReadyToSwitchOn, Shutdown) => ReadyToSwitchOn,
 
-        (SwitchedOn, EnableOperation) if ready => OperationEnabled,   // 4
-        (SwitchedOn, Shutdown) => ReadyToSwitchOn,                    // 6
+        (SwitchedOn, EnableOperation) if ready => OperationEnabled, // 4
+        (SwitchedOn, Shutdown) => ReadyToSwitchOn,                  // 6
         (SwitchedOn, DisableVoltage | QuickStop) => SwitchOnDisabled, // 10
         (SwitchedOn, SwitchOn | EnableOperation) => SwitchedOn,
 
-        (OperationEnabled, SwitchOn) if released => SwitchedOn,      // 5
+        (OperationEnabled, SwitchOn) if released => SwitchedOn, // 5
         (OperationEnabled, Shutdown) if released => ReadyToSwitchOn, // 8
-        (OperationEnabled, DisableVoltage) => SwitchOnDisabled,      // 9
-        (OperationEnabled, QuickStop) => QuickStopActive,            // 11
+        (OperationEnabled, DisableVoltage) => SwitchOnDisabled, // 9
+        (OperationEnabled, QuickStop) => QuickStopActive,       // 11
         (OperationEnabled, _) => OperationEnabled,
 
-        (QuickStopActive, DisableVoltage) => SwitchOnDisabled,              // 12
-        (QuickStopActive, EnableOperation) => OperationEnabled,             // 16
+        (QuickStopActive, DisableVoltage) => SwitchOnDisabled, // 12
+        (QuickStopActive, EnableOperation) => OperationEnabled, // 16
         (QuickStopActive, _) if released && !stays_stopped => SwitchOnDisabled, // 12
         (QuickStopActive, _) => QuickStopActive,
     }
@@ -302,8 +302,7 @@ mod tests {
             State::OperationEnabled,
             State::OperationEnabled,
         ] {
-            state =
-                next(state, Inputs { request: Request::towards_enabled(state), ready: true, ..Inputs::default() });
+            state = next(state, Inputs { request: Request::towards_enabled(state), ready: true, ..Inputs::default() });
             assert_eq!(state, expected);
         }
     }

@@ -29,6 +29,7 @@ const RECORDS: usize = 128;
 
 /// What tasks hand to the servo tick; it takes one per tick.
 #[derive(Clone, Copy)]
+#[expect(clippy::large_enum_variant, reason = "there is no allocator to box with")]
 pub enum Order {
     /// For the drive, answered by an outcome.
     Command(Command),

@@ -18,6 +18,13 @@ use static_cell::StaticCell;
 use crate::commands::Commands;
 use crate::drive::Latest;
 
+/// Numbers under which tasks check in with the watchdog.
+mod clients {
+    pub const TELEMETRY: u32 = 0;
+    pub const HOUSEKEEPING: u32 = 1;
+    pub const COMMANDS: u32 = 2;
+}
+
 /// Version of the firmware: major, minor, patch.
 const VERSION: [u16; 3] = [
     number(env!("CARGO_PKG_VERSION_MAJOR")),

@@ -27,11 +27,14 @@ mod pins;
 pub mod priorities;
 mod pwm;
 mod reset;
+pub mod watchdog;
 
 pub use control::{Control, PowerStage, StartFault};
 pub use link::Link;
 pub use memory::{PARAMETER_SECTOR_BYTES, PARAMETER_SECTORS, stack_free_bytes};
 pub use reset::ResetCause;
+
+use servo_core::monitor::signals;
 
 /// What [`init`] leaves to the application.
 pub struct Board {
@@ -74,5 +77,10 @@ pub fn init() -> Board {
 
     let link = link::open(p.USART3, p.PD9, p.PD8);
     let serial = [0, 1, 2].map(|word| embassy_stm32::pac::UID.uid(word).read());
-    Board { link, power_stage: PowerStage::new(), core_hz, serial, reset_cause, last_words }
+    let ended_by = match (last_words, reset_cause) {
+        (Some(_), _) => signals::PANICKED,
+        (None, ResetCause::Watchdog) => signals::WATCHDOG_RESET,
+        (None, _) => 0,
+    };
+    Board { link, power_stage: PowerStage::new(ended_by), core_hz, serial, reset_cause, last_words }
 }

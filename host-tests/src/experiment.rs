@@ -52,6 +52,7 @@ impl Steps {
         Limits {
             velocity_m_per_s: settings.velocity_max_m_per_s as f32,
             acceleration_m_per_s2: self.acceleration_m_per_s2 as f32,
+            jerk_m_per_s3: None,
         }
     }
 

@@ -65,11 +65,23 @@ impl FastBench {
         self.tick_disturbed(command, 0.0)
     }
 
+    /// One servo period in which what the encoder sends goes through `alter` first.
+    pub fn tick_altered(&mut self, command: Option<Command>, alter: impl FnOnce(u64) -> u64) -> Output {
+        let frame = alter(self.carriage.encoder_frame());
+        self.tick_on(frame, command, 0.0)
+    }
+
     /// One servo period in which `added_a` joins the drive's current set-point: what a measurement of the loop injects.
     #[inline]
     pub fn tick_disturbed(&mut self, command: Option<Command>, added_a: f64) -> Output {
+        let frame = self.carriage.encoder_frame();
+        self.tick_on(frame, command, added_a)
+    }
+
+    #[inline]
+    fn tick_on(&mut self, frame: u64, command: Option<Command>, added_a: f64) -> Output {
         let inputs = Inputs {
-            frame: self.carriage.encoder_frame(),
+            frame,
             iq_a: self.measured_a as f32,
             bus_code: self.bus_code,
             temperature_code: self.temperature_code,
@@ -79,9 +91,9 @@ impl FastBench {
         let output = self.drive.tick(&inputs, command);
         self.moving = output.record.flags & flags::MOVING != 0;
         let demand = output.demand;
+        let setpoint_a = f64::from(demand.iq_a) + added_a;
         for _ in 0..PERIODS_PER_TICK {
             let currents_a = if demand.enabled {
-                let setpoint_a = f64::from(demand.iq_a) + added_a;
                 self.current.period(setpoint_a, self.carriage.position_m(), self.carriage.velocity_m_per_s())
             } else {
                 self.current.off()

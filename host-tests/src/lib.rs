@@ -8,6 +8,7 @@
 pub mod bench;
 pub mod experiment;
 pub mod fast;
+pub mod frequency_response;
 pub mod golden;
 pub mod tuning;
 

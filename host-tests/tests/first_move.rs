@@ -22,7 +22,7 @@ fn settled_bench(stage: &Stage) -> Bench {
 
 fn five_mm(bench: &Bench) -> Command {
     let target = Position((5e-3 / bench.axis.drive().config().count_m).round() as i64);
-    Command::Move { target, limits: Limits { velocity_m_per_s: 0.5, acceleration_m_per_s2: 1.0 } }
+    Command::Move { target, limits: Limits { velocity_m_per_s: 0.5, acceleration_m_per_s2: 1.0, jerk_m_per_s3: None } }
 }
 
 fn mean_s(moves: &[Move], tolerance: usize) -> f64 {

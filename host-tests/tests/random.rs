@@ -77,7 +77,8 @@ fn limits(random: &mut Random) -> Limits {
     let mut pick = |usual: f32| {
         if random.chance(0.1) { wild[random.below(6) as usize] } else { usual * random.unit() as f32 }
     };
-    Limits { velocity_m_per_s: pick(0.5), acceleration_m_per_s2: pick(20.0) }
+    let (velocity_m_per_s, acceleration_m_per_s2, jerk) = (pick(0.5), pick(20.0), pick(1e4));
+    Limits { velocity_m_per_s, acceleration_m_per_s2, jerk_m_per_s3: (jerk > 5e3 || jerk.is_nan()).then_some(jerk) }
 }
 
 /// A command, and the settings it brings if it does.
@@ -89,7 +90,8 @@ fn command(random: &mut Random, now: &Settings) -> (Command, Option<Settings>) {
         6 | 7 => Command::ResetFault,
         8 | 9 => Command::Control(ControlWord(words[random.below(10) as usize])),
         10 | 11 => {
-            let target = if random.chance(0.05) { random.next() as i64 } else { random.below(1 << 22) as i64 - (1 << 21) };
+            let target =
+                if random.chance(0.05) { random.next() as i64 } else { random.below(1 << 22) as i64 - (1 << 21) };
             Command::Move { target: Position(target), limits: limits(random) }
         }
         12 => Command::Stop,
@@ -202,7 +204,8 @@ fn sequence(seed: u64) -> u64 {
         let record = output.record;
         let on = may_be_on(&record, config);
         check_bridge(output.bridge, on);
-        let force = [record.proportional_n, record.integral_n, record.compensator_n, record.feedforward_n, record.force_n];
+        let force =
+            [record.proportional_n, record.integral_n, record.compensator_n, record.feedforward_n, record.force_n];
         let other = [record.friction_n, record.slope_n_per_m, record.iq_set_a, record.iq_a, record.bus_v];
         assert!(force.iter().chain(&other).all(|x| x.is_finite()), "tick {tick}: {record:?}");
         assert!(record.force_n.abs() <= config.force_limit_n, "tick {tick}: {record:?}");
@@ -223,7 +226,11 @@ fn nothing_ever_gives_torque_where_there_may_be_none_or_a_number_that_is_none() 
         Err(_) => DEFAULT_TICKS,
     };
     let mut ticks_on = 0;
-    for seed in 0..ticks.div_ceil(TICKS_PER_SEQUENCE) {
+    let sequences = ticks.div_ceil(TICKS_PER_SEQUENCE);
+    for seed in 0..sequences {
+        if seed % 2_500 == 0 {
+            eprintln!("sequence {seed} of {sequences}");
+        }
         match std::panic::catch_unwind(|| sequence(seed)) {
             Ok(on) => ticks_on += on,
             Err(_) => panic!("sequence with seed {seed}"),

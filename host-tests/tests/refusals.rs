@@ -17,7 +17,12 @@ fn bench() -> Bench {
 
 fn to(target_m: f64, velocity_m_per_s: f32, acceleration_m_per_s2: f32) -> Command {
     let target = Position((target_m / (4e-6 / 65536.0)).round() as i64);
-    Command::Move { target, limits: Limits { velocity_m_per_s, acceleration_m_per_s2 } }
+    Command::Move { target, limits: Limits { velocity_m_per_s, acceleration_m_per_s2, jerk_m_per_s3: None } }
+}
+
+fn jerky(jerk_m_per_s3: f32) -> Command {
+    let limits = Limits { velocity_m_per_s: 0.1, acceleration_m_per_s2: 1.0, jerk_m_per_s3: Some(jerk_m_per_s3) };
+    Command::Move { target: Position(0), limits }
 }
 
 #[test]
@@ -27,11 +32,13 @@ fn a_move_is_refused_with_field_value_and_range() {
     for (command, says) in [
         (to(0.06103515625, 0.1, 1.0), "target = 0.06103515625 m is outside -0.05 … 0.05 m"),
         (to(-0.0625, 0.1, 1.0), "target = -0.0625 m is outside -0.05 … 0.05 m"),
-        (to(0.01, -0.25, 1.0), "velocity = -0.25 m/s is outside 0.000000001 … 0.5 m/s"),
-        (to(0.01, f32::NAN, 1.0), "velocity = NaN m/s is outside 0.000000001 … 0.5 m/s"),
-        (to(0.01, f32::INFINITY, 1.0), "velocity = inf m/s is outside 0.000000001 … 0.5 m/s"),
+        (to(0.01, -0.25, 1.0), "velocity = -0.25 m/s is outside 0.000001 … 0.5 m/s"),
+        (to(0.01, f32::NAN, 1.0), "velocity = NaN m/s is outside 0.000001 … 0.5 m/s"),
+        (to(0.01, f32::INFINITY, 1.0), "velocity = inf m/s is outside 0.000001 … 0.5 m/s"),
         (to(0.01, 0.1, 0.0), "acceleration = 0 m/s² is outside 0.000000001 … 20 m/s²"),
         (to(0.01, 0.1, f32::NAN), "acceleration = NaN m/s² is outside 0.000000001 … 20 m/s²"),
+        (jerky(0.0), "jerk = 0 m/s³ is outside 0.000001 … 1000000000 m/s³"),
+        (jerky(f32::NAN), "jerk = NaN m/s³ is outside 0.000001 … 1000000000 m/s³"),
     ] {
         assert_eq!(bench.command(command).unwrap_err().to_string(), says);
     }

@@ -22,7 +22,7 @@ pub const CAPTURE: Order = Order { samples: 500, every_ticks: 2 };
 pub const FIVE_MM: Position = Position(81_920_000);
 
 /// The first move: a triangle of 141 ms.
-pub const LIMITS: Limits = Limits { velocity_m_per_s: 0.5, acceleration_m_per_s2: 1.0 };
+pub const LIMITS: Limits = Limits { velocity_m_per_s: 0.5, acceleration_m_per_s2: 1.0, jerk_m_per_s3: None };
 
 const HOME: Position = Position(0);
 
@@ -39,7 +39,7 @@ pub fn command(tick: u32) -> Result<Option<Command>, Refusal> {
     let fed_forward = Settings { feedforward_mass_kg: 1.8, ..settings() };
     let compensated = Settings { compensator: 1.0, ..fed_forward };
     let always = Settings { niasa_frozen_in_profile: 0.0, niasa_with_proportional: 0.0, ..compensated };
-    let retuned = Settings { current_bandwidth_hz: 2_000.0, ..compensated };
+    let retuned = Settings { current_bandwidth_hz: 2_000.0, current_limit_a: 1.0, ..compensated };
     Ok(Some(match tick {
         3 => go(FIVE_MM, 0.5, 1.0), // refused: bridge off
         4 => Command::Stop,
@@ -81,7 +81,7 @@ pub fn command(tick: u32) -> Result<Option<Command>, Refusal> {
 }
 
 fn go(target: Position, velocity_m_per_s: f32, acceleration_m_per_s2: f32) -> Command {
-    Command::Move { target, limits: Limits { velocity_m_per_s, acceleration_m_per_s2 } }
+    Command::Move { target, limits: Limits { velocity_m_per_s, acceleration_m_per_s2, jerk_m_per_s3: None } }
 }
 
 fn configure(settings: &Settings, needs_bridge_off: bool) -> Result<Command, Refusal> {

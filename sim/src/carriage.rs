@@ -25,6 +25,8 @@ pub struct Carriage {
     untold_s: f64,
     friction: Friction,
     encoder_noise: Noise,
+    /// In the last step.
+    acceleration_m_per_s2: f64,
 }
 
 impl Carriage {
@@ -40,6 +42,7 @@ impl Carriage {
             untold_s: 0.0,
             friction: Friction::new(&stage.friction),
             encoder_noise: Noise::new(seed, Purpose::Encoder, BEFORE_FIRST_MOVE),
+            acceleration_m_per_s2: 0.0,
         }
     }
 
@@ -99,14 +102,18 @@ impl Carriage {
         let force_n = force_n + self.external_n;
         let stopping_n = force_n + step.n_s_per_m * self.velocity_m_per_s;
         let friction_n = self.friction.resist(dx_m, dt_s, stopping_n);
-        self.velocity_m_per_s = step.glide * self.velocity_m_per_s + step.m_per_n_s * (force_n - friction_n);
+        let before_m_per_s = self.velocity_m_per_s;
+        self.velocity_m_per_s = step.glide * before_m_per_s + step.m_per_n_s * (force_n - friction_n);
+        self.acceleration_m_per_s2 = step.per_s * (self.velocity_m_per_s - before_m_per_s);
     }
 
-    /// A BiSS-C frame of the position now, with the noise of one reading: 64 line bits, first bit in bit 63.
+    /// A BiSS-C frame of the position a latency ago, with the noise of one reading: 64 line bits, first bit in bit 63.
     #[inline]
     pub fn encoder_frame(&mut self) -> u64 {
         let scale = &self.stage.encoder;
-        let position_m = self.position_m + scale.noise_m_rms * self.encoder_noise.normal();
+        let ago_s = scale.latency_s;
+        let seen_m = self.position_m - ago_s * (self.velocity_m_per_s - 0.5 * ago_s * self.acceleration_m_per_s2);
+        let position_m = seen_m + scale.noise_m_rms * self.encoder_noise.normal();
         encoder::frame(encoder::counts(position_m, scale.count_m), false, false, scale.acknowledge_bits)
     }
 
@@ -152,6 +159,7 @@ impl Carriage {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Step {
     half_s: f64,
+    per_s: f64,
     /// Trapezoidal rule for `m dv/dt = F − d v`: `v ← glide · v + m_per_n_s · F`.
     glide: f64,
     m_per_n_s: f64,
@@ -167,6 +175,7 @@ impl Step {
         let half_drag = 0.5 * dt_s * mechanics.viscous_n_s_per_m / mechanics.mass_kg;
         Step {
             half_s: 0.5 * dt_s,
+            per_s: 1.0 / dt_s,
             glide: (1.0 - half_drag) / (1.0 + half_drag),
             m_per_n_s: dt_s / mechanics.mass_kg / (1.0 + half_drag),
             n_s_per_m: (1.0 - half_drag) * mechanics.mass_kg / dt_s,
@@ -206,6 +215,28 @@ mod tests {
             let worst_m = |from_tick: usize| difference_m[from_tick..].iter().copied().fold(0.0, f64::max);
             assert!(worst_m(0) < 2e-4 * step_m, "{step_m} m: {} m during the step", worst_m(0));
             assert!(worst_m(200) < 0.1e-9, "{step_m} m: {} m after 25 ms", worst_m(200));
+        }
+    }
+
+    #[test]
+    fn a_late_encoder_shows_where_the_carriage_was() {
+        let mut stage = Stage::default();
+        (stage.friction.coulomb_n, stage.encoder.noise_m_rms, stage.encoder.latency_s) = (1e-6, 0.0, 100e-6);
+        let (mut now, mut late) =
+            (Carriage::new(&Stage { encoder: Stage::default().encoder, ..stage }, 0), Carriage::new(&stage, 0));
+        now.stage.encoder.noise_m_rms = 0.0;
+        let step = Step::new(&stage, 12.5e-6);
+        let frames: Vec<[u64; 2]> = (0..80)
+            .map(|_| {
+                for carriage in [&mut now, &mut late] {
+                    carriage.advance(&step, 1, 10.0, 10.0);
+                }
+                [now.encoder_frame(), late.encoder_frame()]
+            })
+            .collect();
+        let count = |frame: u64| (frame >> 18) as u32 as i64; // two idle, twelve acknowledge, start and CDS bits before it
+        for i in 20..80 {
+            assert!((count(frames[i][1]) - count(frames[i - 8][0])).abs() <= 1, "step {i}");
         }
     }
 

@@ -97,6 +97,9 @@ pub struct Encoder {
     pub count_m: f64,
     /// White noise of a reading, m rms, 0 to 1e-3.
     pub noise_m_rms: f64,
+    /// Age of a reading, s, 0 to 250e-6; 0 if not given. With it, a drive that computes for longer than this one can be had.
+    #[serde(default)]
+    pub latency_s: f64,
     /// Zeros between idle and start bit of a frame (the encoder's processing time), 1 to 20.
     pub acknowledge_bits: u32,
 }
@@ -178,6 +181,7 @@ impl Stage {
             limit("adc.temperature_full_scale_c", adc.temperature_full_scale_c, adc.temperature_zero_c + 1.0, 1e3),
             limit("encoder.count_m", encoder.count_m, finest_count_m, 1e-3),
             limit("encoder.noise_m_rms", encoder.noise_m_rms, 0.0, 1e-3),
+            limit("encoder.latency_s", encoder.latency_s, 0.0, 250e-6),
             limit("encoder.acknowledge_bits", f64::from(encoder.acknowledge_bits), 1.0, 20.0),
         ];
         limits.extend(friction.limits(mechanics));

@@ -127,6 +127,21 @@ fn a_frame_carries_the_position_with_the_stated_noise() {
 }
 
 #[test]
+fn a_late_encoder_reads_where_the_plant_was() {
+    let mut stage = Stage::default();
+    (stage.encoder.noise_m_rms, stage.encoder.latency_s) = (0.0, 100e-6);
+    let mut plant = Plant::new(&stage, 1);
+    let bridge = q_voltage(&plant, 6.0);
+    // Under way with the electrical time constant behind it: the acceleration is constant to a few percent.
+    plant.advance(5_000_000, &bridge);
+    let was_m = plant.position_m();
+    plant.advance(100_000, &bridge);
+    let read_m = frame_position_m(plant.encoder_frame());
+    let moved_m = plant.position_m() - was_m;
+    assert!(moved_m > 1e-6 && (read_m - was_m).abs() < 1e-3 * moved_m, "{moved_m} {}", read_m - was_m);
+}
+
+#[test]
 fn the_converters_read_what_is_there() {
     let mut stage = Stage::default();
     stage.adc.noise_lsb_rms = 0.0;

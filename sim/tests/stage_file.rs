@@ -68,6 +68,8 @@ fn a_value_out_of_range_is_refused_with_line_key_value_and_range() {
             "-60",
             "-49.0 to 1000.0",
         ),
+        ("latency", "latency_s = 251e-6", "encoder.latency_s", "251e-6", "0.0 to 0.00025"),
+        ("latency", "latency_s = -1e-6", "encoder.latency_s", "-1e-6", "0.0 to 0.00025"),
         ("acknowledge", "acknowledge_bits = 21", "encoder.acknowledge_bits", "21", "1.0 to 20.0"),
     ] {
         let (text, line) = edited(key, replacement);
@@ -79,6 +81,12 @@ fn a_value_out_of_range_is_refused_with_line_key_value_and_range() {
         };
         assert_eq!(Stage::from_toml(&text), Err(expected));
     }
+}
+
+#[test]
+fn a_reading_without_a_latency_is_of_now() {
+    let (text, _) = edited("latency", "");
+    assert_eq!(Stage::from_toml(&text).unwrap().encoder.latency_s, 0.0);
 }
 
 #[test]

@@ -11,6 +11,7 @@ mod bench;
 mod demo;
 mod docs;
 mod embedded;
+mod endurance;
 mod fault_page;
 mod firmware;
 mod host;
@@ -47,6 +48,8 @@ enum Word {
     },
     /// Measure: instructions of the control loops, speed of the virtual board
     Bench(bench::Options),
+    /// Run the long forms of tests: an hour of motion, a thousand million random ticks
+    Endurance(endurance::Options),
     /// Write the pages of docs/ that are made from tables in code
     Docs,
     /// Install what is missing: embedded toolchain, QEMU, C compiler (every other word does it by itself)
@@ -78,6 +81,7 @@ fn run(word: Word, directory: &Path) -> Result<()> {
         Word::Qemu { bless: false } => qemu::run(),
         Word::Qemu { bless: true } => qemu::bless(),
         Word::Bench(options) => bench::run(&options.seen_from(directory)),
+        Word::Endurance(options) => endurance::run(&options),
         Word::Docs => docs::write(),
         Word::Setup { dry_run } => setup::all(dry_run),
     }

@@ -20,8 +20,8 @@ impl Drive {
     }
 
     #[inline(never)]
-    pub(super) fn obey(&mut self, command: Command) -> Outcome {
-        match command {
+    pub(super) fn obey(&mut self, command: &Command) -> Outcome {
+        match *command {
             Command::Enable => self.enable(),
             Command::Disable => {
                 self.drop_request();
@@ -38,7 +38,7 @@ impl Drive {
                 self.choose(compensator);
                 Ok(())
             }
-            Command::Configure { config, needs_bridge_off } => self.configure(config, needs_bridge_off),
+            Command::Configure { ref config, needs_bridge_off } => self.configure(config, needs_bridge_off),
         }
     }
 
@@ -128,9 +128,13 @@ impl Drive {
             let (value, min, max) = (in_m(target), in_m(k.travel_min), in_m(k.travel_max));
             return Err(Refusal::OutOfRange { field: Field::Target, value, min, max });
         }
-        Refusal::check(Field::Velocity, f64::from(limits.velocity_m_per_s), 1e-9, f64::from(k.velocity_max_m_per_s))?;
+        // The lowest: what makes the longest distance take a day, in ticks that fit their counter.
+        Refusal::check(Field::Velocity, f64::from(limits.velocity_m_per_s), 1e-6, f64::from(k.velocity_max_m_per_s))?;
         let acceleration = f64::from(limits.acceleration_m_per_s2);
         Refusal::check(Field::Acceleration, acceleration, 1e-9, f64::from(k.acceleration_max_m_per_s2))?;
+        if let Some(jerk) = limits.jerk_m_per_s3 {
+            Refusal::check(Field::Jerk, f64::from(jerk), 1e-6, 1e9)?;
+        }
         self.profile = Profile::between(self.reference.position, target, limits, k.count_m);
         // What the last move's settling took becomes the linear integrator's, or the two would drift apart move by move.
         self.merge_integrals();
@@ -152,13 +156,13 @@ impl Drive {
         self.nonlinear_n = 0.0;
     }
 
-    fn configure(&mut self, config: Config, needs_bridge_off: bool) -> Outcome {
+    fn configure(&mut self, config: &Config, needs_bridge_off: bool) -> Outcome {
         if needs_bridge_off && self.torque {
             return Err(Refusal::WrongState(self.state));
         }
         let kind = config.compensator.kind;
         let switch = kind != self.config.compensator.kind;
-        self.config = config;
+        self.config = *config;
         self.absorb = true;
         if switch {
             self.choose(kind);

@@ -4,6 +4,8 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::ValueEnum;
+use serde::Serialize;
+use servo_core::refusal::Refusal;
 use servo_sim::Stage;
 
 use super::interrupt;
@@ -11,6 +13,7 @@ use super::output::Json;
 use super::progress::Progress;
 use crate::reproduce::campaign::{Shard, Watch};
 use crate::reproduce::experiments::{Experiment, MASS_ERRORS_PERCENT, Request};
+use crate::reproduce::loop_transmission::{self, LoopTransmission};
 use crate::reproduce::outcome::Outcome;
 use crate::reproduce::shard::ShardFile;
 
@@ -56,9 +59,15 @@ pub enum Name {
     Step50Nm,
     /// In-position noise (9.3, table 3), both tunings
     InPosition,
+    /// Loop transmission by stepped sine (5.1, 8.2): amplitudes, NIASA, rate limit
+    LoopTransmission,
 }
 
 impl Name {
+    fn typed(self) -> String {
+        self.to_possible_value().map_or(String::new(), |value| value.get_name().to_owned())
+    }
+
     fn settling(self) -> Option<Experiment> {
         Some(match self {
             Name::Exp1 => Experiment::Exp1,
@@ -66,6 +75,7 @@ impl Name {
             Name::Step5Um => Experiment::Step5Um,
             Name::Step50Nm => Experiment::Step50Nm,
             Name::InPosition => Experiment::InPosition,
+            Name::LoopTransmission => return None,
         })
     }
 }
@@ -80,10 +90,41 @@ pub fn run(options: &Options) -> Result<()> {
         rayon::ThreadPoolBuilder::new().num_threads(threads).build_global()?;
     }
     let stage = read_stage(options.stage.as_ref())?;
-    match options.name.settling() {
-        Some(experiment) => settling(options, experiment, stage),
-        None => bail!("not yet"),
+    if let Some(experiment) = options.name.settling() {
+        return settling(options, experiment, stage);
     }
+    let settling_only = [
+        ("moves", options.moves.is_some()),
+        ("mass-error", !options.mass_error.is_empty()),
+        ("shard", options.shard.is_some()),
+    ];
+    if let Some((option, _)) = settling_only.into_iter().find(|(_, given)| *given) {
+        bail!("{option} is an option of the settling experiments, not of {}", options.name.typed());
+    }
+    let seed = options.seed;
+    match options.name {
+        Name::LoopTransmission => {
+            let run = |watch: Watch| loop_transmission::run(&stage, seed, watch);
+            measure(options, loop_transmission::SWEEPS, "sweeps", run, LoopTransmission::to_text)
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Runs what is shown as a whole or not at all, with progress.
+fn measure<T: Serialize>(
+    options: &Options,
+    pieces: u64,
+    unit: &str,
+    run: impl FnOnce(Watch) -> Result<Option<T>, Refusal>,
+    text: impl FnOnce(&T) -> String,
+) -> Result<()> {
+    let progress = Progress::new(&options.name.typed(), pieces, unit);
+    let finished = |pieces| progress.advance(pieces);
+    let found = run(Watch { stop: interrupt::flag()?, finished: &finished })?;
+    drop(progress);
+    let found = found.context("ended before it was finished: nothing to show")?;
+    options.json.write(&found, || text(&found))
 }
 
 fn settling(options: &Options, experiment: Experiment, stage: Stage) -> Result<()> {

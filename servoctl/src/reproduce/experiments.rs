@@ -147,19 +147,11 @@ impl Request {
 
 impl Plan {
     /// Adds a case, unless it is there, and gives its index.
-    fn case(
-        &mut self,
-        name: &str,
-        settings: Settings,
-        with: Compensator,
-        steps: Steps,
-        tolerances_nm: &[u32],
-    ) -> usize {
+    fn case(&mut self, name: &str, settings: Settings, steps: Steps, tolerances_nm: &[u32]) -> usize {
         let case = Case {
             name: name.to_owned(),
             stage: self.request.stage,
             settings,
-            compensator: with,
             steps,
             tolerances_nm: tolerances_nm.to_vec(),
         };
@@ -172,10 +164,11 @@ impl Plan {
 
     /// PID; with NIASA as the thesis' experiments had it (App. E); with NIASA as the drive has it by default (7.55).
     fn pid_and_niasa(&mut self, settings: Settings, steps: Steps, tolerances_nm: &[u32]) -> [usize; 3] {
+        let niasa = with(settings, Compensator::Niasa);
         [
-            self.case("pid", settings, Compensator::None, steps, tolerances_nm),
-            self.case("pid+niasa", appendix_e(settings), Compensator::Niasa, steps, tolerances_nm),
-            self.case("pid+niasa-7.55", settings, Compensator::Niasa, steps, tolerances_nm),
+            self.case("pid", settings, steps, tolerances_nm),
+            self.case("pid+niasa", appendix_e(niasa), steps, tolerances_nm),
+            self.case("pid+niasa-7.55", niasa, steps, tolerances_nm),
         ]
     }
 
@@ -200,6 +193,11 @@ impl Plan {
         }
         Ok(())
     }
+}
+
+/// Settings with a compensator chosen.
+pub fn with(settings: Settings, compensator: Compensator) -> Settings {
+    Settings { compensator: f64::from(compensator as u8), ..settings }
 }
 
 /// NIASA as appendix E of the thesis ends: the slope alone, beside the linear integral, always active.

@@ -4,10 +4,12 @@
 //! - [`campaign`]: many passes of several configurations, in parallel, in parts
 //! - [`experiments`]: which configurations each experiment compares
 //! - [`outcome`]: statistics, tables, JSON
+//! - [`loop_transmission`]: stepped sines (5.1, 8.2)
 //! - [`shard`]: parts of a campaign as files, and their union
 
 pub mod campaign;
 pub mod experiments;
+pub mod loop_transmission;
 pub mod outcome;
 pub mod pass;
 pub mod shard;

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use serde::ser::SerializeMap;
 use serde::{Serialize, Serializer};
 use servo_core::SERVO_HZ;
+use servo_core::compensator::Compensator;
 use servo_core::parameters::{Settings, TABLE};
 use servo_sim::Stage;
 
@@ -234,9 +235,9 @@ impl Run {
             step: format!("{} at {} m/s²", length(self.step.length_m), self.step.acceleration_m_per_s2),
             tuning: self.tuning.name.clone(),
             plant: format!(
-                "{} kg, {:?} friction σ {:.2} N/µm, F_C {:.2} N{spread}",
+                "{} kg, {} friction σ {:.2} N/µm, F_C {:.2} N{spread}",
                 self.plant.mechanics.mass_kg,
-                friction.model,
+                friction.model.name(),
                 friction.stiffness_n_per_m * 1e-6,
                 friction.coulomb_n
             ),
@@ -281,7 +282,7 @@ impl ConfigOutcome {
         ConfigOutcome {
             settling: settling.clone(),
             reduction_percent: means.map(|(before, after)| reduction_percent((*before)?, (*after)?)).collect(),
-            compensator: format!("{:?}", case.compensator).to_lowercase(),
+            compensator: Compensator::ALL[case.settings.compensator as usize].name().to_owned(),
             faults: moves.iter().filter(|m| m.fault.is_some()).count(),
             tracking_rms_nm: rms_nm(|m| m.tracking),
             end_error_rms_nm: rms_nm(|m| m.end),

@@ -4,7 +4,6 @@
 //! the number of the move. What a pass gives therefore depends neither on the passes before nor on who computes it.
 
 use serde::{Deserialize, Serialize};
-use servo_core::config::Compensator;
 use servo_core::drive::Command;
 use servo_core::parameters::Settings;
 use servo_core::position::Position;
@@ -33,10 +32,8 @@ pub struct Case {
     pub name: String,
     /// The simulated hardware.
     pub stage: Stage,
-    /// All parameters of the drive.
+    /// All parameters of the drive, the choice of its compensator among them.
     pub settings: Settings,
-    /// What acts beside the PID.
-    pub compensator: Compensator,
     /// The steps.
     pub steps: Steps,
     /// Settling tolerances (±, nm), finest first.
@@ -107,7 +104,6 @@ pub fn run_observed(
     let mut bench = FastBench::new(&case.stage, &case.settings, seed)?;
     let start = Position((-start_m(case) / case.settings.encoder_count_m).round() as i64);
     bench.enable()?;
-    bench.command(Command::Compensator(case.compensator))?;
     bench.redraw(WARM_UP + pass);
     bench.command(Command::Move { target: start, limits: warm_up_limits(case) })?;
     let mut fault = rest(&mut bench, (WARM_UP_DWELL_S * f64::from(servo_core::SERVO_HZ)) as usize, |_, _| ()).err();
@@ -151,6 +147,7 @@ fn warm_up_limits(case: &Case) -> Limits {
     Limits {
         velocity_m_per_s: s.velocity_max_m_per_s as f32,
         acceleration_m_per_s2: s.acceleration_max_m_per_s2.min(1.0) as f32,
+        jerk_m_per_s3: None,
     }
 }
 
@@ -213,15 +210,17 @@ impl MoveResult {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::reproduce::experiments::with;
     use crate::settling;
     use servo_core::SERVO_HZ;
+    use servo_core::compensator::Compensator;
     use servo_host_tests::experiment::FIVE_MM_SLOW;
     use servo_host_tests::tuning;
 
     fn case(stage: Stage, compensator: Compensator) -> Case {
-        let settings = tuning::settings(&stage, &tuning::STANDARD).unwrap();
+        let settings = with(tuning::settings(&stage, &tuning::STANDARD).unwrap(), compensator);
         let steps = Steps { dwell_s: 0.7, ..FIVE_MM_SLOW };
-        Case { name: String::new(), stage, settings, compensator, steps, tolerances_nm: vec![3, 10, 100] }
+        Case { name: String::new(), stage, settings, steps, tolerances_nm: vec![3, 10, 100] }
     }
 
     #[test]

@@ -230,9 +230,9 @@ fn conditions(stage: &Stage, settings: &Settings) -> Conditions {
             settings.niasa_coulomb_n
         ),
         plant: format!(
-            "{} kg, {:?} friction σ {:.2} N/µm, F_C {:.2} N{spread}",
+            "{} kg, {} friction σ {:.2} N/µm, F_C {:.2} N{spread}",
             stage.mechanics.mass_kg,
-            friction.model,
+            friction.model.name(),
             friction.stiffness_n_per_m * 1e-6,
             friction.coulomb_n
         ),

@@ -58,6 +58,6 @@ pub fn status(board: &mut VirtualBoard, link: &mut Link) -> Status {
 
 /// The move of most tests: 5 mm at 1 m/s².
 pub fn five_mm() -> Request {
-    let limits = Limits { velocity_m_per_s: 0.5, acceleration_m_per_s2: 1.0 };
+    let limits = Limits { velocity_m_per_s: 0.5, acceleration_m_per_s2: 1.0, jerk_m_per_s3: None };
     Request::Move { target_ct: 81_920_000, limits }
 }
