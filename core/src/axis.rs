@@ -104,8 +104,8 @@ impl Axis {
     /// A servo period: the tick first, then the current loop with the new set-point, so that the voltage that follows from this
     /// period's position is on the motor one PWM period after it was sampled.
     #[inline]
-    pub fn on_servo(&mut self, sample: &ServoSample, command: Option<Command>) -> ServoOutput {
-        if command.as_ref().is_some_and(|command| self.drive.is_reset(command)) {
+    pub fn on_servo(&mut self, sample: &ServoSample, command: Option<&Command>) -> ServoOutput {
+        if command.is_some_and(|command| self.drive.is_reset(command)) {
             self.current.clear_trip();
         }
         let inputs = Inputs::new(sample, &self.current);

@@ -227,14 +227,14 @@ impl Drive {
     ///
     /// Whatever is wrong, the bridge is off in the output of the tick that sees it.
     #[inline]
-    pub fn tick(&mut self, inputs: &Inputs, command: Option<Command>) -> Output {
+    pub fn tick(&mut self, inputs: &Inputs, command: Option<&Command>) -> Output {
         let update = self.tracker.update(inputs.frame, self.config.origin);
         self.bus_v = f32::from(inputs.bus_code) * self.config.bus_v_per_code;
         self.count(inputs);
 
         let mut reset = false;
         let mut outcome = None;
-        if let Some(command) = &command {
+        if let Some(command) = command {
             reset = self.is_reset(command);
             self.steady = false;
             self.monitor.hear();
@@ -250,9 +250,10 @@ impl Drive {
         }
         let position = self.tracker.position();
         let step_ct = self.follow_electrical_angle(position);
+        let error_ct = self.reference.position.minus(position);
         let had_torque = self.torque;
-        if self.has_to_act(inputs, update, step_ct) {
-            outcome = self.act(inputs, update, reset, outcome);
+        if self.has_to_act(inputs, update, position, step_ct, error_ct) {
+            outcome = self.act(inputs, update, error_ct, reset, outcome);
         }
 
         let mut record = TickRecord {
@@ -272,10 +273,11 @@ impl Drive {
         if !self.torque {
             return Output { demand: Demand::OFF, record, outcome };
         }
+        self.error_ct = error_ct;
         if !had_torque {
             self.close_loops(position);
+            self.error_ct = 0;
         }
-        self.error_ct = self.reference.position.minus(position);
         record.error_ct = self.error_ct;
         self.control(&mut record, step_ct);
         let demand = Demand {
@@ -290,14 +292,12 @@ impl Drive {
 
     /// Whether this tick is anything but one more of Operation enabled with all well. Only then [`Drive::act`] finds out what.
     #[inline]
-    fn has_to_act(&mut self, inputs: &Inputs, update: Update, step_ct: i32) -> bool {
-        let error_ct = self.reference.position.minus(self.tracker.position());
+    fn has_to_act(&mut self, inputs: &Inputs, update: Update, position: Position, step_ct: i32, error_ct: i32) -> bool {
         self.monitor.follow(step_ct);
         if !self.torque {
             return true;
         }
         let k = &self.config.monitor;
-        let position = self.tracker.position();
         let slow = self.monitor.watch(k, self.counters.ticks, inputs, position, error_ct);
         slow || !self.steady
             || update != Update::Measured
@@ -309,10 +309,16 @@ impl Drive {
     /// answer to a reset.
     #[cold]
     #[inline(never)]
-    fn act(&mut self, inputs: &Inputs, update: Update, reset: bool, outcome: Option<Outcome>) -> Option<Outcome> {
+    fn act(
+        &mut self,
+        inputs: &Inputs,
+        update: Update,
+        error_ct: i32,
+        reset: bool,
+        outcome: Option<Outcome>,
+    ) -> Option<Outcome> {
         let k = &self.config.monitor;
         let fault = if self.torque {
-            let error_ct = self.reference.position.minus(self.tracker.position());
             self.monitor.diagnose(k, self.counters.ticks, inputs, update, &self.tracker, error_ct)
         } else {
             self.monitor.check_off(k, inputs)

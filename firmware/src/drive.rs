@@ -66,15 +66,20 @@ impl Control for InInterrupts {
     }
 
     fn on_servo(&mut self, sample: &ServoSample) -> Bridge {
-        let command = match self.orders.dequeue() {
+        // Looked at in its place in the queue: a copy of it is long.
+        let order = self.orders.peek();
+        let command = match order {
             Some(Order::Command(command)) => Some(command),
             Some(Order::Capture(order)) => {
-                self.axis.arm_capture(order);
+                self.axis.arm_capture(*order);
                 None
             }
             None => None,
         };
         let output = self.axis.on_servo(sample, command);
+        if order.is_some() {
+            let _ = self.orders.dequeue();
+        }
         if let Some(outcome) = output.outcome {
             // As many fit as orders, so there is room.
             let _ = self.outcomes.enqueue(outcome);

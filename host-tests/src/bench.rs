@@ -59,7 +59,7 @@ impl Bench {
     ) -> ServoOutput {
         let mut sample = self.sample();
         tamper(&mut sample);
-        let output = self.axis.on_servo(&sample, command);
+        let output = self.axis.on_servo(&sample, command.as_ref());
         self.period(output.bridge);
         for _ in 1..PERIODS_PER_TICK {
             let phases = self.phases();

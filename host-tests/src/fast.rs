@@ -88,7 +88,7 @@ impl FastBench {
             signals: 0,
             last_tick_cycles: TICK_CYCLES,
         };
-        let output = self.drive.tick(&inputs, command);
+        let output = self.drive.tick(&inputs, command.as_ref());
         self.moving = output.record.flags & flags::MOVING != 0;
         let demand = output.demand;
         let setpoint_a = f64::from(demand.iq_a) + added_a;

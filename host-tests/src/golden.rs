@@ -72,7 +72,7 @@ pub fn replay(ticks: &[Tick]) -> Result<Digest, Refusal> {
             axis.arm_capture(script::CAPTURE);
         }
         digest.input(&tick.to_bytes());
-        digest.servo(&axis.on_servo(&tick.sample, script::command(number)?));
+        digest.servo(&axis.on_servo(&tick.sample, script::command(number)?.as_ref()));
         tick.phases.iter().for_each(|phases| digest.period(axis.on_period(*phases)));
     }
     Ok(digest)

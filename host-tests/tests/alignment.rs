@@ -78,12 +78,12 @@ fn assert_found(stage: &Stage, seed: u64, motor: Motor) {
     let Step::Found { at, turns } = end else { panic!("{end:?} at {} turns", motor.angle) };
     let expected = motor.angle + at.0 as f64 * COUNT_M / PITCH_M;
     let wrong = difference(f64::from(turns), expected);
-    assert!(wrong.abs() < 0.5 / 360.0, "found {turns}, expected {expected}");
+    assert!(wrong.abs() < 0.01 / 360.0, "found {turns}, expected {expected}");
     assert!(furthest_m <= TRAVEL_M, "{furthest_m} m away from the beginning, magnets at {}", motor.angle);
 }
 
 #[test]
-fn every_angle_is_found_to_half_a_degree_within_the_travel_bound() {
+fn every_angle_is_found_to_a_hundredth_of_a_degree_within_the_travel_bound() {
     for start in 0..36 {
         assert_found(&Stage::default(), start, Motor { angle: start as f64 / 36.0, ..GOOD });
     }

@@ -48,7 +48,7 @@ fn the_run_passes_through_what_it_is_meant_to_cover() {
         if number == script::CAPTURE_TICK {
             axis.arm_capture(script::CAPTURE);
         }
-        let output = axis.on_servo(&tick.sample, script::command(number).unwrap());
+        let output = axis.on_servo(&tick.sample, script::command(number).unwrap().as_ref());
         for phases in tick.phases {
             axis.on_period(phases);
         }

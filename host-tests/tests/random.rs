@@ -196,7 +196,7 @@ fn sequence(seed: u64) -> u64 {
             (None, None)
         };
         let sample = world.sample(random);
-        let output = axis.on_servo(&sample, command);
+        let output = axis.on_servo(&sample, command.as_ref());
         if let (Some(settings), Some(Ok(()))) = (brings, output.outcome) {
             now = settings;
         }

@@ -95,7 +95,7 @@ pub fn class_off() {
 
 /// The servo period as the firmware runs it.
 #[inline(never)]
-pub fn on_servo(axis: &mut Axis, sample: &ServoSample, command: Option<Command>) -> ServoOutput {
+pub fn on_servo(axis: &mut Axis, sample: &ServoSample, command: Option<&Command>) -> ServoOutput {
     axis.on_servo(sample, command)
 }
 
@@ -107,7 +107,7 @@ pub fn on_period(axis: &mut Axis, phases: PhaseCodes) -> Bridge {
 
 /// The servo tick alone.
 #[inline(never)]
-pub fn servo_tick(drive: &mut Drive, inputs: &Inputs, command: Option<Command>) -> Output {
+pub fn servo_tick(drive: &mut Drive, inputs: &Inputs, command: Option<&Command>) -> Output {
     drive.tick(inputs, command)
 }
 

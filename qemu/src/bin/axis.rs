@@ -21,7 +21,7 @@ fn run() -> Result<Digest, Failure> {
             axis.arm_capture(script::CAPTURE);
         }
         let was_on = axis.drive().state().has_torque();
-        let output = regions::on_servo(&mut axis, &tick.sample, script::command(number)?);
+        let output = regions::on_servo(&mut axis, &tick.sample, script::command(number)?.as_ref());
         digest.servo(&output);
         let mut is_on = output.bridge.enabled;
         for phases in tick.phases {

@@ -50,7 +50,7 @@ fn run() -> Result<Digest, Failure> {
             current.clear_trip();
         }
         let inputs = Inputs::new(&tick.sample, &current);
-        let output = regions::servo_tick(&mut drive, &inputs, command);
+        let output = regions::servo_tick(&mut drive, &inputs, command.as_ref());
         let k = drive.config().current;
         let bridge = regions::current_loop(&mut current, &k, &output.demand, tick.sample.phases, 0);
         let sample = capture.step(&output.record);
