@@ -236,9 +236,9 @@ impl Drive {
         let mut outcome = None;
         if let Some(command) = command {
             reset = self.is_reset(command);
-            self.steady = false;
             self.monitor.hear();
             outcome = Some(self.obey(command));
+            self.steady &= self.request == Request::EnableOperation;
         }
 
         if self.torque {

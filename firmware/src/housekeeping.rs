@@ -30,7 +30,7 @@ pub async fn run(latest: &'static Latest) {
         ticker.next().await;
         alive.check_in();
         round = (round + 1) % REPORT_EVERY;
-        if round % STACK_EVERY == 0 {
+        if round.is_multiple_of(STACK_EVERY) {
             let stack_free = servo_board::stack_free_bytes();
             if stack_free < least_free {
                 info!("stack: {=u32} bytes never used", stack_free);

@@ -228,7 +228,7 @@ fn nothing_ever_gives_torque_where_there_may_be_none_or_a_number_that_is_none() 
     let mut ticks_on = 0;
     let sequences = ticks.div_ceil(TICKS_PER_SEQUENCE);
     for seed in 0..sequences {
-        if seed % 2_500 == 0 {
+        if seed.is_multiple_of(2_500) {
             eprintln!("sequence {seed} of {sequences}");
         }
         match std::panic::catch_unwind(|| sequence(seed)) {

@@ -162,7 +162,11 @@ impl Drive {
         }
         let kind = config.compensator.kind;
         let switch = kind != self.config.compensator.kind;
-        self.config = *config;
+        if needs_bridge_off {
+            self.config = *config;
+        } else {
+            self.config.adopt(config);
+        }
         self.absorb = true;
         if switch {
             self.choose(kind);
