@@ -7,6 +7,7 @@
 //! - [`demo_report`]: the page that `cargo xtask demo` writes
 //! - [`reproduce`]: the thesis' experiments, repeated in simulation
 //! - [`theory`]: chapter 7 of the thesis as functions: settling without and with mass
+//! - [`thesis`]: the thesis beside the simulation: every number, figure and table, with a verdict
 //! - [`cli`]: the command line, a module per sub-command
 
 pub mod cli;
@@ -17,3 +18,4 @@ pub mod reproduce;
 pub mod settling;
 pub mod table;
 pub mod theory;
+pub mod thesis;

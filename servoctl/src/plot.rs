@@ -18,7 +18,7 @@ mod ticks;
 pub const WIDTH: f64 = 480.0;
 
 /// Number of colours before they repeat.
-pub const COLOURS: usize = 6;
+pub const COLOURS: usize = 8;
 
 /// Number of colours of a heat map below and above zero.
 pub const HEAT_BELOW: usize = 4;

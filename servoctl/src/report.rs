@@ -23,13 +23,73 @@ struct Section {
     blocks: Vec<Block>,
 }
 
+/// One piece of content.
 #[derive(Debug, Clone, PartialEq)]
-enum Block {
+pub enum Block {
+    /// A paragraph.
     Paragraph(String),
+    /// Names with their values.
     Facts(Vec<(String, String)>),
+    /// Lines as a program wrote them.
     List(Vec<String>),
-    Figure { panels: Vec<Plot>, caption: String },
+    /// A numbered figure of one or more panels.
+    Figure {
+        /// They stand side by side where there is room, below each other on a phone.
+        panels: Vec<Plot>,
+        /// What is seen, and under which conditions.
+        caption: String,
+    },
+    /// A numbered table.
     Table(Table),
+    /// Statements of somebody else beside ours; cards on a phone.
+    Statements(Vec<Statement>),
+    /// Lines, each of which may lead to a section.
+    Links(Vec<Link>),
+}
+
+/// A statement of somebody else, what was found, and what is to be thought of it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Statement {
+    /// Where it is stated.
+    pub place: String,
+    /// Number of the section of the page that it leads to, counted from 0; `None` for no link.
+    pub section: Option<usize>,
+    /// What it is about.
+    pub quantity: String,
+    /// What was stated.
+    pub stated: String,
+    /// What was found.
+    pub found: String,
+    /// The verdict in a word or two.
+    pub verdict: String,
+    /// Its colour.
+    pub mark: Mark,
+    /// The reason; may be empty.
+    pub why: String,
+}
+
+/// Colour of a verdict.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Mark {
+    /// It holds.
+    Good,
+    /// It holds in part.
+    Fair,
+    /// It does not hold.
+    Bad,
+    /// Nothing is known.
+    None,
+}
+
+/// A line of an index.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Link {
+    /// What is looked up.
+    pub name: String,
+    /// Where it is.
+    pub place: String,
+    /// Number of the section that the place is, counted from 0; `None` for no link.
+    pub section: Option<usize>,
 }
 
 impl Report {
@@ -74,7 +134,7 @@ impl Report {
     pub fn render(&self) -> String {
         let mut numbers = Numbers::default();
         let titled: Vec<(String, &Section)> =
-            self.sections.iter().skip(1).enumerate().map(|(i, s)| (format!("s{}", i + 1), s)).collect();
+            self.sections.iter().skip(1).enumerate().map(|(i, s)| (anchor(i), s)).collect();
         html! {
             (DOCTYPE)
             html lang="en" {
@@ -110,7 +170,8 @@ impl Report {
         .into_string()
     }
 
-    fn block(&mut self, block: Block) -> &mut Self {
+    /// Adds any piece of content.
+    pub fn block(&mut self, block: Block) -> &mut Self {
         if let Some(section) = self.sections.last_mut() {
             section.blocks.push(block);
         }
@@ -137,10 +198,14 @@ impl Numbers {
                 self.figures += 1;
                 html! {
                     figure.wide[panels.len() > 1] {
-                        div.panels { @for panel in panels { (PreEscaped(panel.svg())) } }
+                        div.panels.three[panels.len() == 3] { @for panel in panels { (PreEscaped(panel.svg())) } }
                         figcaption { b { "Figure " (self.figures) "." } " " (caption) }
                     }
                 }
+            }
+            Block::Statements(statements) => html_statements(statements),
+            Block::Links(links) => {
+                html! { dl.links { @for l in links { div { dt { (l.name) } dd { (linked(&l.place, l.section)) } } } } }
             }
             Block::Table(table) => {
                 self.tables += 1;
@@ -151,6 +216,47 @@ impl Numbers {
                     }
                 }
             }
+        }
+    }
+}
+
+/// Name of a section, by its number from 0.
+fn anchor(section: usize) -> String {
+    format!("s{}", section + 1)
+}
+
+/// Text that leads to a section, if there is one.
+fn linked(text: &str, section: Option<usize>) -> Markup {
+    html! { @match section { Some(s) => { a href={ "#" (anchor(s)) } { (text) } }, None => { (text) } } }
+}
+
+fn html_statements(statements: &[Statement]) -> Markup {
+    html! {
+        table.statements {
+            thead { tr { @for title in ["", "quantity", "thesis", "here", "verdict"] { th scope="col" { (title) } } } }
+            tbody {
+                @for s in statements {
+                    tr.told[!s.why.is_empty()] {
+                        td.place { (linked(&s.place, s.section)) }
+                        td.quantity { (s.quantity) }
+                        td data-label="thesis" { (s.stated) }
+                        td data-label="here" { (s.found) }
+                        td { b class=(s.mark.class()) { (s.verdict) } }
+                    }
+                    @if !s.why.is_empty() { tr.why { td {} td colspan="4" { (s.why) } } }
+                }
+            }
+        }
+    }
+}
+
+impl Mark {
+    fn class(self) -> &'static str {
+        match self {
+            Mark::Good => "mark good",
+            Mark::Fair => "mark fair",
+            Mark::Bad => "mark bad",
+            Mark::None => "mark none",
         }
     }
 }

@@ -1,8 +1,87 @@
 //! What the thesis says of its measurements, held against their simulation.
 
 use servo_sim::Stage;
-use servoctl::reproduce::campaign::Watch;
+use servoctl::reproduce::campaign::{Shard, Watch};
+use servoctl::reproduce::experiments::{Experiment, Request};
 use servoctl::reproduce::loop_transmission::{self, Curve};
+use servoctl::reproduce::outcome::Outcome;
+use servoctl::reproduce::{models, step_100um};
+
+fn outcome(experiment: Experiment, moves: u64, mass_errors_percent: &[f64], stage: Stage) -> Outcome {
+    let mass_errors_percent = mass_errors_percent.to_vec();
+    let plan = Request { experiment, moves, seed: 1, mass_errors_percent, stage }.plan().unwrap();
+    Outcome::new(&plan, &plan.campaign.run(Shard::ALL, Watch::NOBODY).unwrap())
+}
+
+#[test]
+fn the_first_experiment_settles_75_to_92_percent_faster_at_every_tolerance() {
+    let outcome = outcome(Experiment::Exp1, 100, &[], Stage::default());
+    let reduction = &outcome.only.as_ref().unwrap().settling.reduction_percent;
+    assert!(reduction.iter().all(|r| r.is_some_and(|r| (75.0..92.0).contains(&r))), "{reduction:?}");
+}
+
+#[test]
+fn niasa_settles_faster_at_every_tolerance_where_the_thesis_says_so() {
+    for (experiment, mass_errors) in
+        [(Experiment::Exp2, &[-2.0, 2.0][..]), (Experiment::Step5Um, &[]), (Experiment::Step50Nm, &[])]
+    {
+        for run in &outcome(experiment, 40, mass_errors, Stage::default()).runs {
+            let reduction = &run.settling.reduction_percent;
+            assert!(reduction.iter().all(|r| r.is_some_and(|r| r > 0.0)), "{experiment:?} {}: {reduction:?}", run.name);
+        }
+    }
+}
+
+#[test]
+fn the_noise_in_position_is_that_of_table_3() {
+    let outcome = outcome(Experiment::InPosition, 20, &[], Stage::default());
+    for (run, table_3) in outcome.runs.iter().zip([[0.48, 0.50], [0.49, 0.48]]) {
+        for (config, expected_nm) in run.configs.iter().zip(table_3) {
+            let nm = config.settling.in_position_rms_nm.unwrap();
+            assert!((nm - expected_nm).abs() < 0.2, "{} {}: {nm} nm", run.name, config.settling.name);
+        }
+    }
+}
+
+#[test]
+fn every_compensator_does_what_chapter_4_says_of_it() {
+    let outcome = outcome(Experiment::Compensators, 10, &[], Stage::default());
+    let claims = &outcome.claims;
+    assert_eq!(claims.len(), 8);
+    assert!(claims.iter().all(|claim| claim.holds != Some(false)), "{claims:#?}");
+    // Tuned at equal margins and noise, those that have no limit cycle.
+    let search = outcome.search.unwrap();
+    for tuned in search.tuned.iter().filter(|tuned| tuned.is_admissible) {
+        assert!((tuned.crossover_hz - 100.0).abs() < 4.0, "{}: {} Hz", tuned.name, tuned.crossover_hz);
+        assert!((tuned.phase_margin_deg - search.tuned[0].phase_margin_deg).abs() <= 3.0, "{}", tuned.name);
+    }
+}
+
+/// 5.3, as far as it is reproduced: a linear swing, then a leg that takes much longer.
+#[test]
+fn a_step_of_100_um_swings_linearly_until_friction_takes_over() {
+    let found = step_100um::run(&Stage::default(), 4, 1, Watch::NOBODY).unwrap().unwrap();
+    assert!((6.5..9.0).contains(&found.linear_leg_ms), "{} ms", found.linear_leg_ms);
+    let finding = found.finding.unwrap();
+    assert!(finding.slow_leg_ms > 20.0 && finding.linear_down_to_nm > Some(finding.length_scale_nm), "{finding:?}");
+    assert!(found.redrawn.iter().all(Option::is_some));
+}
+
+#[test]
+fn the_models_come_nearer_in_the_order_of_their_figures() {
+    let models = models::run();
+    assert!(models.fits.windows(2).all(|pair| pair[1].rms_n <= pair[0].rms_n), "{:?}", models.table());
+    assert!(models.fits.iter().all(|fit| fit.force_n.len() == models.motion.position_m.len()));
+}
+
+#[test]
+fn a_stage_of_ones_own_goes_through() {
+    for file in [include_str!("../../sim/stages/gms-table-4.toml"), include_str!("../../sim/stages/light-stiff.toml")] {
+        let stage = Stage::from_toml(file).unwrap();
+        let outcome = outcome(Experiment::Exp1, 2, &[], stage);
+        assert!(outcome.complete && outcome.only.unwrap().configs.iter().all(|config| config.faults == 0));
+    }
+}
 
 #[test]
 fn the_loop_transmission_depends_on_the_amplitude_as_in_5_1_and_8_2() {

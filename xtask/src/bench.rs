@@ -24,7 +24,8 @@ impl Options {
     }
 }
 
-/// Prints the instruction counts of the control loops, and how fast the firmware runs on the virtual board.
+/// Prints the instruction counts of the control loops, how fast the experiments run on this computer, and how fast the firmware
+/// runs on the virtual board.
 ///
 /// # Errors
 /// When a build or a measurement fails.
@@ -33,6 +34,9 @@ pub fn run(options: &Options) -> Result<()> {
     if options.json.as_deref() == Some(Path::new("-")) {
         return Ok(());
     }
+    let mut speed = host::cargo("run");
+    speed.args(["--quiet", "--release", "--package", "servo-host-tests", "--example", "speed"]);
+    process::run(&mut speed, "the speed of the experiments")?;
     let firmware = firmware::build()?;
     let mut board = host::virtual_board("board", &firmware.elf)?;
     process::run(board.args(["--seconds", &options.seconds.to_string()]), "the virtual board")

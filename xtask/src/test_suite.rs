@@ -35,6 +35,8 @@ enum Step {
     Docs,
     /// Control law, simulated stage, protocol, host tool
     HostTests,
+    /// The experiments' results are the same optimised
+    SameBits,
     /// The firmware's ELF
     Firmware,
     /// Hot code in ITCM, stack at the bottom of DTCM
@@ -99,6 +101,10 @@ fn run_step(step: Step) -> Result<()> {
         }
         Step::Docs => documentation(),
         Step::HostTests => process::run(&mut host::cargo("test"), "host tests"),
+        Step::SameBits => {
+            let mut test = host::cargo("test");
+            process::run(test.args(["--release", "--package", "servoctl", "--test", "same_bits"]), "results, optimised")
+        }
         Step::Firmware => firmware::build().map(|firmware| eprintln!("{firmware}")),
         Step::Layout => firmware::build().and_then(|firmware| firmware.check_layout()),
         Step::Qemu => qemu::run(),

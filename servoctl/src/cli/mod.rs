@@ -9,6 +9,7 @@ pub mod interrupt;
 pub mod merge;
 pub mod output;
 pub mod progress;
+pub mod report;
 pub mod reproduce;
 pub mod theory;
 
@@ -32,6 +33,8 @@ pub enum Command {
     Theory(theory::Options),
     /// An experiment of the thesis, simulated: the drive of the firmware on a simulated stage
     Reproduce(reproduce::Options),
+    /// The thesis beside the simulation: every figure, table and number of it, on one page
+    Report(report::Options),
     /// Join the parts of an experiment that `reproduce --shard` computed
     Merge(merge::Options),
 }
@@ -55,6 +58,7 @@ pub fn run(command: &Command) -> anyhow::Result<()> {
     match command {
         Command::Theory(options) => theory::run(options),
         Command::Reproduce(options) => reproduce::run(options),
+        Command::Report(options) => report::run(options),
         Command::Merge(options) => merge::run(options),
     }
 }

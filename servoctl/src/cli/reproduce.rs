@@ -1,10 +1,11 @@
 //! `servoctl reproduce`: an experiment of the thesis, simulated.
 
 use std::path::PathBuf;
+use std::sync::atomic::Ordering;
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::ValueEnum;
-use serde::Serialize;
+use serde_json::{Map, Value, json};
 use servo_core::refusal::Refusal;
 use servo_sim::Stage;
 
@@ -16,6 +17,8 @@ use crate::reproduce::experiments::{Experiment, MASS_ERRORS_PERCENT, Request};
 use crate::reproduce::loop_transmission::{self, LoopTransmission};
 use crate::reproduce::outcome::Outcome;
 use crate::reproduce::shard::ShardFile;
+use crate::reproduce::step_100um::{self, Step100Um};
+use crate::reproduce::{compensators, models};
 
 /// Options of `reproduce`.
 #[derive(Debug, clap::Args)]
@@ -61,6 +64,26 @@ pub enum Name {
     InPosition,
     /// Loop transmission by stepped sine (5.1, 8.2): amplitudes, NIASA, rate limit
     LoopTransmission,
+    /// 100 µm step (5.3): where the stage ceases to be linear
+    #[value(name = "step-100um")]
+    Step100Um,
+    /// Friction models fitted to the same data (figures 4 to 10)
+    Models,
+    /// Every compensator on the moves of exp1, each tuned first (chapter 4)
+    Compensators,
+    /// NIASA's parameters one by one, and stages that are not what the model says (8.1, 7.4)
+    Sensitivity,
+    /// All of them, one after the other
+    All,
+}
+
+/// What is computed.
+enum Kind {
+    Settling(Experiment),
+    LoopTransmission,
+    Step100Um,
+    Models,
+    All,
 }
 
 impl Name {
@@ -68,17 +91,25 @@ impl Name {
         self.to_possible_value().map_or(String::new(), |value| value.get_name().to_owned())
     }
 
-    fn settling(self) -> Option<Experiment> {
-        Some(match self {
+    fn kind(self) -> Kind {
+        Kind::Settling(match self {
             Name::Exp1 => Experiment::Exp1,
             Name::Exp2 => Experiment::Exp2,
             Name::Step5Um => Experiment::Step5Um,
             Name::Step50Nm => Experiment::Step50Nm,
             Name::InPosition => Experiment::InPosition,
-            Name::LoopTransmission => return None,
+            Name::Compensators => Experiment::Compensators,
+            Name::Sensitivity => Experiment::Sensitivity,
+            Name::LoopTransmission => return Kind::LoopTransmission,
+            Name::Step100Um => return Kind::Step100Um,
+            Name::Models => return Kind::Models,
+            Name::All => return Kind::All,
         })
     }
 }
+
+/// Something finished: for people, and for programs.
+type Found = (String, Value);
 
 /// Computes and prints.
 ///
@@ -90,79 +121,144 @@ pub fn run(options: &Options) -> Result<()> {
         rayon::ThreadPoolBuilder::new().num_threads(threads).build_global()?;
     }
     let stage = read_stage(options.stage.as_ref())?;
-    if let Some(experiment) = options.name.settling() {
-        return settling(options, experiment, stage);
-    }
-    let settling_only = [
-        ("moves", options.moves.is_some()),
-        ("mass-error", !options.mass_error.is_empty()),
-        ("shard", options.shard.is_some()),
-    ];
-    if let Some((option, _)) = settling_only.into_iter().find(|(_, given)| *given) {
-        bail!("{option} is an option of the settling experiments, not of {}", options.name.typed());
-    }
-    let seed = options.seed;
-    match options.name {
-        Name::LoopTransmission => {
-            let run = |watch: Watch| loop_transmission::run(&stage, seed, watch);
-            measure(options, loop_transmission::SWEEPS, "sweeps", run, LoopTransmission::to_text)
+    options.check()?;
+    let (text, value) = match options.name.kind() {
+        Kind::All => all(options, &stage)?,
+        Kind::Settling(experiment) if options.shard.is_some() => return part(options, experiment, stage),
+        _ => one(options, options.name, &stage)?,
+    };
+    options.json.write(&value, || text)
+}
+
+impl Options {
+    /// Options that the experiment does not have, or out of range.
+    fn check(&self) -> Result<()> {
+        let name = self.name.typed();
+        let settling = matches!(self.name.kind(), Kind::Settling(_));
+        if let Some(moves) = self.moves {
+            let has_moves = settling || matches!(self.name, Name::Step100Um | Name::All);
+            ensure!(has_moves, "moves is an option of experiments that move, not of {name}");
+            ensure!((1..=10_000_000).contains(&moves), "moves = {moves} is outside 1 to 10000000");
         }
-        _ => Ok(()),
+        if self.shard.is_some() && !settling {
+            bail!("shard is an option of the settling experiments, not of {name}");
+        }
+        let has_mass_error = matches!(self.name, Name::Exp2 | Name::All);
+        ensure!(self.mass_error.is_empty() || has_mass_error, "mass-error is an option of exp2, not of {name}");
+        for percent in &self.mass_error {
+            ensure!((-20.0..=20.0).contains(percent), "mass-error = {percent} is outside -20 to 20 %");
+        }
+        Ok(())
+    }
+
+    fn request(&self, experiment: Experiment, stage: Stage) -> Request {
+        let given = if self.mass_error.is_empty() { &MASS_ERRORS_PERCENT[..] } else { &self.mass_error };
+        let mass_errors_percent = if experiment == Experiment::Exp2 { given.to_vec() } else { Vec::new() };
+        let moves = self.moves.unwrap_or(experiment.moves());
+        Request { experiment, moves, seed: self.seed, mass_errors_percent, stage }
+    }
+}
+
+/// Every experiment in turn. Ended early, it gives those that are finished.
+fn all(options: &Options, stage: &Stage) -> Result<Found> {
+    let stop = interrupt::flag()?;
+    let (mut text, mut found) = (String::new(), Map::new());
+    let names: Vec<Name> = Name::value_variants().iter().copied().filter(|name| *name != Name::All).collect();
+    let mut finished = 0;
+    for name in &names {
+        if stop.load(Ordering::Relaxed) {
+            break;
+        }
+        match one(options, *name, stage) {
+            Ok((words, value)) => {
+                text += &format!("── {} ──\n\n{words}\n", name.typed());
+                found.insert(name.typed(), value);
+                finished += 1;
+            }
+            // What had not begun to give results has none.
+            Err(_) if stop.load(Ordering::Relaxed) => break,
+            Err(error) => return Err(error.context(name.typed())),
+        }
+    }
+    let complete = finished == names.len() && !stop.load(Ordering::Relaxed);
+    if !complete {
+        text += "Not complete: ended before the last experiment was finished.\n";
+    }
+    Ok((text, json!({ "experiment": "all", "complete": complete, "experiments": found })))
+}
+
+fn one(options: &Options, name: Name, stage: &Stage) -> Result<Found> {
+    let seed = options.seed;
+    match name.kind() {
+        Kind::Settling(experiment) => settling(options.request(experiment, *stage)),
+        Kind::LoopTransmission => {
+            let run = |watch: Watch| loop_transmission::run(stage, seed, watch);
+            let found: LoopTransmission = measured(name, loop_transmission::SWEEPS, "sweeps", run)?;
+            Ok((found.to_text(), serde_json::to_value(&found)?))
+        }
+        Kind::Step100Um => {
+            let moves = options.moves.unwrap_or(step_100um::MOVES);
+            let found: Step100Um =
+                measured(name, moves, "steps", |watch: Watch| step_100um::run(stage, moves, seed, watch))?;
+            Ok((found.to_text(), serde_json::to_value(&found)?))
+        }
+        Kind::Models => {
+            let found = models::run();
+            Ok((found.to_text(), serde_json::to_value(&found)?))
+        }
+        Kind::All => bail!("all is not one experiment"),
     }
 }
 
 /// Runs what is shown as a whole or not at all, with progress.
-fn measure<T: Serialize>(
-    options: &Options,
+fn measured<T>(
+    name: Name,
     pieces: u64,
     unit: &str,
     run: impl FnOnce(Watch) -> Result<Option<T>, Refusal>,
-    text: impl FnOnce(&T) -> String,
-) -> Result<()> {
-    let progress = Progress::new(&options.name.typed(), pieces, unit);
+) -> Result<T> {
+    let progress = Progress::new(&name.typed(), pieces, unit);
     let finished = |pieces| progress.advance(pieces);
     let found = run(Watch { stop: interrupt::flag()?, finished: &finished })?;
     drop(progress);
-    let found = found.context("ended before it was finished: nothing to show")?;
-    options.json.write(&found, || text(&found))
+    found.context("ended before it was finished: nothing to show")
 }
 
-fn settling(options: &Options, experiment: Experiment, stage: Stage) -> Result<()> {
-    let moves = options.moves.unwrap_or(experiment.moves());
-    ensure!((1..=10_000_000).contains(&moves), "moves = {moves} is outside 1 to 10000000");
-    ensure!(
-        options.mass_error.is_empty() || experiment == Experiment::Exp2,
-        "mass-error is an option of exp2, not of {}",
-        experiment.name()
-    );
-    for percent in &options.mass_error {
-        ensure!((-20.0..=20.0).contains(percent), "mass-error = {percent} is outside -20 to 20 %");
-    }
-    let given = if options.mass_error.is_empty() { &MASS_ERRORS_PERCENT[..] } else { &options.mass_error };
-    let mass_errors_percent = if experiment == Experiment::Exp2 { given.to_vec() } else { Vec::new() };
-    let plan = Request { experiment, moves, seed: options.seed, mass_errors_percent, stage }.plan()?;
+fn settling(request: Request) -> Result<Found> {
+    let name = request.experiment.name();
+    let plan = planned(&request)?;
+    let progress = Progress::new(name, plan.campaign.moves_of(Shard::ALL), "moves");
+    let finished = |moves| progress.advance(moves);
+    let passes = plan.campaign.run(Shard::ALL, Watch { stop: interrupt::flag()?, finished: &finished })?;
+    drop(progress);
+    ensure!(!passes.is_empty(), "ended before the first pass was finished: nothing to show");
+    let outcome = Outcome::new(&plan, &passes);
+    Ok((outcome.to_text(), serde_json::to_value(&outcome)?))
+}
 
-    let shard = options.shard.unwrap_or(Shard::ALL);
-    let progress = Progress::new(experiment.name(), plan.campaign.moves_of(shard), "moves");
+/// One part of an experiment, into its file.
+fn part(options: &Options, experiment: Experiment, stage: Stage) -> Result<()> {
+    let (name, shard) = (experiment.name(), options.shard.unwrap_or(Shard::ALL));
+    let plan = planned(&options.request(experiment, stage))?;
+    let progress = Progress::new(name, plan.campaign.moves_of(shard), "moves");
     let finished = |moves| progress.advance(moves);
     let passes = plan.campaign.run(shard, Watch { stop: interrupt::flag()?, finished: &finished })?;
     drop(progress);
-    if options.shard.is_some() {
-        let part = ShardFile::new(&plan, shard, passes);
-        return options.json.write(&part, || {
-            let what = if part.complete { "complete" } else { "not complete" };
-            format!(
-                "part {}/{} of {}: {} passes, {what}\n",
-                shard.number,
-                shard.of,
-                experiment.name(),
-                part.passes.len()
-            )
-        });
+    let part = ShardFile::new(&plan, shard, passes);
+    options.json.write(&part, || {
+        let what = if part.complete { "complete" } else { "not complete" };
+        format!("part {}/{} of {name}: {} passes, {what}\n", shard.number, shard.of, part.passes.len())
+    })
+}
+
+/// The plan, with progress where it has to be searched for.
+fn planned(request: &Request) -> Result<crate::reproduce::experiments::Plan> {
+    if request.experiment != Experiment::Compensators {
+        return Ok(request.plan()?);
     }
-    ensure!(!passes.is_empty(), "ended before the first pass was finished: nothing to show");
-    let outcome = Outcome::new(&plan, &passes);
-    options.json.write(&outcome, || outcome.to_text())
+    let progress = Progress::new("tuning", compensators::candidates(), "candidates");
+    let finished = |candidates| progress.advance(candidates);
+    Ok(request.plan_watched(Watch { stop: interrupt::flag()?, finished: &finished })?)
 }
 
 /// The stage file, or the built-in one.

@@ -9,8 +9,10 @@ use servo_host_tests::experiment::Steps;
 use servo_host_tests::tuning::{self, HIGH_PERFORMANCE, STANDARD, Tuning};
 use servo_sim::Stage;
 
-use super::campaign::Campaign;
+use super::campaign::{Campaign, Watch};
+use super::compensators::{self, Search};
 use super::pass::Case;
+use super::sensitivity;
 use crate::settling::TOLERANCES_NM;
 
 /// The settling experiments.
@@ -29,6 +31,10 @@ pub enum Experiment {
     Step50Nm,
     /// In-position noise (9.3, table 3), both tunings.
     InPosition,
+    /// Every compensator on the moves of the first experiment, each tuned first (chapter 4).
+    Compensators,
+    /// NIASA's parameters one by one, and stages that are not what the model says (8.1, 7.4).
+    Sensitivity,
 }
 
 /// What to compute: all that a result depends on, besides the program.
@@ -55,6 +61,8 @@ pub struct Plan {
     pub campaign: Campaign,
     /// The comparisons, in the order in which they are reported.
     pub comparisons: Vec<Comparison>,
+    /// How the cases were tuned, where they were.
+    pub search: Option<Search>,
 }
 
 /// Configurations that are compared, baseline first.
@@ -92,6 +100,8 @@ impl Experiment {
             Experiment::Exp2 => "9.2",
             Experiment::InPosition => "9.3",
             Experiment::Step5Um | Experiment::Step50Nm => "9.4",
+            Experiment::Compensators => "4.2",
+            Experiment::Sensitivity => "7.4, 8.1",
         }
     }
 
@@ -103,13 +113,17 @@ impl Experiment {
             Experiment::Step5Um => "step-5um",
             Experiment::Step50Nm => "step-50nm",
             Experiment::InPosition => "in-position",
+            Experiment::Compensators => "compensators",
+            Experiment::Sensitivity => "sensitivity",
         }
     }
 
-    /// Moves per configuration in the thesis.
+    /// Moves per configuration if nothing else is asked for: those of the thesis where it has the experiment.
     pub fn moves(self) -> u64 {
         match self {
             Experiment::Exp1 | Experiment::InPosition => 250,
+            Experiment::Compensators => 100,
+            Experiment::Sensitivity => 30,
             _ => 500,
         }
     }
@@ -121,8 +135,16 @@ impl Request {
     /// # Errors
     /// A stage that the drive's parameters cannot describe.
     pub fn plan(&self) -> Result<Plan, Refusal> {
+        self.plan_watched(Watch::NOBODY)
+    }
+
+    /// The same; `watch` hears of each candidate that [`compensators::search`] tries.
+    ///
+    /// # Errors
+    /// As for [`Request::plan`].
+    pub fn plan_watched(&self, watch: Watch) -> Result<Plan, Refusal> {
         let campaign = Campaign { seed: self.seed, moves: self.moves, cases: Vec::new() };
-        let mut plan = Plan { request: self.clone(), campaign, comparisons: Vec::new() };
+        let mut plan = Plan { request: self.clone(), campaign, comparisons: Vec::new(), search: None };
         match self.experiment {
             Experiment::Exp1 => {
                 let settings = tuning::settings(&self.stage, &STANDARD)?;
@@ -140,6 +162,17 @@ impl Request {
             Experiment::Step5Um => plan.both_tunings(FIVE_UM, FIVE_UM, &[3, 5, 10, 20, 50])?,
             Experiment::Step50Nm => plan.both_tunings(FIFTY_NM, FIFTY_NM, &[3, 4, 5, 6, 7, 8, 9, 10])?,
             Experiment::InPosition => plan.both_tunings(FIVE_MM_SLOW, FIVE_MM_FAST, &TOLERANCES_NM)?,
+            Experiment::Compensators => {
+                let search = compensators::search(self, watch)?;
+                let cases: Vec<usize> = search
+                    .tuned
+                    .iter()
+                    .map(|tuned| plan.case(tuned.name, self.stage, tuned.settings, FIVE_MM_SLOW, &TOLERANCES_NM))
+                    .collect();
+                plan.compare("", STANDARD, None, &cases);
+                plan.search = Some(search);
+            }
+            Experiment::Sensitivity => sensitivity::plan(&mut plan)?,
         }
         Ok(plan)
     }
@@ -147,14 +180,15 @@ impl Request {
 
 impl Plan {
     /// Adds a case, unless it is there, and gives its index.
-    fn case(&mut self, name: &str, settings: Settings, steps: Steps, tolerances_nm: &[u32]) -> usize {
-        let case = Case {
-            name: name.to_owned(),
-            stage: self.request.stage,
-            settings,
-            steps,
-            tolerances_nm: tolerances_nm.to_vec(),
-        };
+    pub(super) fn case(
+        &mut self,
+        name: &str,
+        stage: Stage,
+        settings: Settings,
+        steps: Steps,
+        tolerances_nm: &[u32],
+    ) -> usize {
+        let case = Case { name: name.to_owned(), stage, settings, steps, tolerances_nm: tolerances_nm.to_vec() };
         let cases = &mut self.campaign.cases;
         cases.iter().position(|known| *known == case).unwrap_or_else(|| {
             cases.push(case);
@@ -164,15 +198,15 @@ impl Plan {
 
     /// PID; with NIASA as the thesis' experiments had it (App. E); with NIASA as the drive has it by default (7.55).
     fn pid_and_niasa(&mut self, settings: Settings, steps: Steps, tolerances_nm: &[u32]) -> [usize; 3] {
-        let niasa = with(settings, Compensator::Niasa);
+        let (stage, niasa) = (self.request.stage, with(settings, Compensator::Niasa));
         [
-            self.case("pid", settings, steps, tolerances_nm),
-            self.case("pid+niasa", appendix_e(niasa), steps, tolerances_nm),
-            self.case("pid+niasa-7.55", niasa, steps, tolerances_nm),
+            self.case("pid", stage, settings, steps, tolerances_nm),
+            self.case("pid+niasa", stage, appendix_e(niasa), steps, tolerances_nm),
+            self.case("pid+niasa-7.55", stage, niasa, steps, tolerances_nm),
         ]
     }
 
-    fn compare(&mut self, name: &str, tuned_for: Tuning, mass_error_percent: Option<f64>, cases: &[usize]) {
+    pub(super) fn compare(&mut self, name: &str, tuned_for: Tuning, mass_error_percent: Option<f64>, cases: &[usize]) {
         self.comparisons.push(Comparison {
             name: name.to_owned(),
             tuning: in_words(&tuned_for),

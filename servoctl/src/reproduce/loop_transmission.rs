@@ -15,7 +15,7 @@ use servo_sim::Stage;
 
 use super::campaign::Watch;
 use super::experiments::{appendix_e, with};
-use super::outcome::ORIGIN;
+use super::outcome::{ORIGIN, plant};
 use crate::settling::round_to;
 use crate::table::{MISSING, Table, number};
 
@@ -232,7 +232,7 @@ fn lag_deg(l: Complex) -> f64 {
 }
 
 /// Frequency (Hz) and phase margin (°) wherever |L| falls through 1, between two points on logarithmic scales.
-fn crossings(points: &[(f64, Complex)]) -> Vec<(f64, f64)> {
+pub(super) fn crossings(points: &[(f64, Complex)]) -> Vec<(f64, f64)> {
     let falls = points.windows(2).filter(|w| w[0].1.abs() >= 1.0 && w[1].1.abs() < 1.0);
     falls
         .map(|w| {
@@ -376,15 +376,4 @@ impl LoopTransmission {
 fn list(values: &[f64], decimals: usize) -> String {
     let text: Vec<String> = values.iter().map(|v| number(*v, decimals)).collect();
     if text.is_empty() { MISSING.to_owned() } else { text.join(", ") }
-}
-
-/// The plant in words.
-fn plant(stage: &Stage) -> String {
-    format!(
-        "{} kg, {:?} friction σ {:.2} N/µm, F_C {:.2} N",
-        stage.mechanics.mass_kg,
-        stage.friction.model,
-        stage.friction.stiffness_n_per_m * 1e-6,
-        stage.friction.coulomb_n
-    )
 }

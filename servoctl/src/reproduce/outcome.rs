@@ -7,13 +7,16 @@ use serde::{Serialize, Serializer};
 use servo_core::SERVO_HZ;
 use servo_core::compensator::Compensator;
 use servo_core::parameters::{Settings, TABLE};
+use servo_core::record::Fingerprint;
 use servo_sim::Stage;
 
 use super::campaign::Passes;
-use super::experiments::{Comparison, Plan, gains};
+use super::claims::{self, Claim};
+use super::compensators::Search;
+use super::experiments::{Comparison, Experiment, Plan, gains};
 use super::pass::{Case, MoveResult, Squares};
 use crate::settling::{Config, SettlingExperiment, reduction_percent, round_to};
-use crate::table::{Conditions, Table, number, settling_table};
+use crate::table::{Conditions, MISSING, Table, number, settling_table};
 
 /// Where every number of these experiments comes from.
 pub const ORIGIN: &str = "simulated (drive of servo-core on the carriage of servo-sim)";
@@ -33,6 +36,14 @@ pub struct Outcome {
     pub moves_requested: u64,
     /// Whether all of them were made.
     pub complete: bool,
+    /// Fingerprint of every move's result: the same on any computer, in debug and release.
+    pub results_hash: String,
+    /// How the configurations were tuned, where they were.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub search: Option<Search>,
+    /// What the thesis says of the compensators, and what was found.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub claims: Vec<Claim>,
     /// The only comparison; its fields stand at this level.
     #[serde(flatten)]
     pub only: Option<Run>,
@@ -78,6 +89,10 @@ pub struct ConfigOutcome {
     /// Root mean square of the error in the 500 ms after settling to the finest tolerance (nm): what is left of the creep is in
     /// it. The `in_position_rms_nm` beside it is of the last 500 ms of the dwell.
     pub after_settling_rms_nm: Option<f64>,
+    /// Error that stays: root mean square over the moves of each one's mean in the last 500 ms of the dwell, settled or not (nm).
+    pub steady_error_nm: Option<f64>,
+    /// Unrest that stays: standard deviation about those means (nm).
+    pub restless_nm: Option<f64>,
     /// Every parameter of the drive.
     #[serde(serialize_with = "by_name")]
     pub parameters: Settings,
@@ -133,6 +148,10 @@ impl Outcome {
             [one] if one.name.is_empty() => runs.pop(),
             _ => None,
         };
+        let claims = match (plan.request.experiment, &only) {
+            (Experiment::Compensators, Some(run)) => claims::of(run),
+            _ => Vec::new(),
+        };
         Outcome {
             experiment: plan.request.experiment.name().to_owned(),
             thesis_section: plan.request.experiment.section().to_owned(),
@@ -140,6 +159,9 @@ impl Outcome {
             seed: plan.request.seed,
             moves_requested: plan.request.moves,
             complete: passes.len() as u64 == plan.campaign.passes(),
+            results_hash: results_hash(passes),
+            search: plan.search.clone(),
+            claims,
             only,
             runs,
         }
@@ -152,8 +174,13 @@ impl Outcome {
 
     /// The tables for a terminal.
     pub fn to_text(&self) -> String {
-        let mut text: String = self.all().map(|run| run.table().to_text() + "\n").collect();
+        let mut text: String = self.search.iter().map(|search| search.table().to_text() + "\n").collect();
+        text.extend(self.all().map(|run| run.table().to_text() + "\n"));
         text += &self.configurations().to_text();
+        if !self.claims.is_empty() {
+            text += &format!("\n{}", claims::table(&self.claims).to_text());
+        }
+        text += &format!("Results {}\n", self.results_hash);
         if !self.complete {
             text += &format!(
                 "\nNot complete: {} of {} moves per configuration.\n",
@@ -165,11 +192,12 @@ impl Outcome {
     }
 
     /// What the settling tables do not show: error at the end of the profile, in position, and the force that is left over.
-    fn configurations(&self) -> Table {
+    pub fn configurations(&self) -> Table {
         let caption = format!(
             "{} {}, seed {}: rms of the position error while moving, at the end of the profile, in the 500 ms after settling to \
-             the finest tolerance and in position (last 500 ms of the dwell); force that is left over when the profile ends, and \
-             its share of F_C",
+             the finest tolerance and in position (last 500 ms of the dwell of the moves that settled); of all moves in those last \
+             500 ms the error that stays and the unrest about it; force that is left over when the profile ends, and its share of \
+             F_C",
             self.experiment, ORIGIN, self.seed
         );
         let header = [
@@ -178,6 +206,8 @@ impl Outcome {
             "end / nm",
             "settled / nm",
             "in position / nm",
+            "stays / nm",
+            "unrest / nm",
             "left over / N",
             "of F_C",
             "faults",
@@ -186,15 +216,15 @@ impl Outcome {
         for run in self.all() {
             for config in &run.configs {
                 let name = [&run.name, &config.settling.name].map(String::as_str);
-                let nm = |value: Option<f64>, decimals| {
-                    value.map_or(crate::table::MISSING.to_owned(), |v| number(v, decimals))
-                };
+                let nm = |value: Option<f64>, decimals| value.map_or(MISSING.to_owned(), |v| number(v, decimals));
                 table = table.row([
                     name.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join(": "),
                     nm(config.tracking_rms_nm, 0),
                     nm(config.end_error_rms_nm, 0),
                     nm(config.after_settling_rms_nm, 2),
                     nm(config.settling.in_position_rms_nm, 2),
+                    nm(config.steady_error_nm, 2),
+                    nm(config.restless_nm, 2),
                     number(run.tuning.terminal_force_n, 3),
                     format!("{} %", number(100.0 * run.tuning.terminal_force_per_coulomb, 0)),
                     config.faults.to_string(),
@@ -228,26 +258,54 @@ impl Run {
 
     /// What the numbers were made on.
     pub fn conditions(&self) -> Conditions {
-        let friction = &self.plant.friction;
-        let spread = if friction.spread.is_some() { ", redrawn per move" } else { "" };
+        let spread = if self.plant.friction.spread.is_some() { ", redrawn per move" } else { "" };
         Conditions {
             origin: ORIGIN.to_owned(),
             step: format!("{} at {} m/s²", length(self.step.length_m), self.step.acceleration_m_per_s2),
             tuning: self.tuning.name.clone(),
-            plant: format!(
-                "{} kg, {} friction σ {:.2} N/µm, F_C {:.2} N{spread}",
-                self.plant.mechanics.mass_kg,
-                friction.model.name(),
-                friction.stiffness_n_per_m * 1e-6,
-                friction.coulomb_n
-            ),
+            plant: plant(&self.plant) + spread,
         }
     }
 
-    /// The settling table.
+    /// The settling table; with many configurations, one in a row.
     pub fn table(&self) -> Table {
-        settling_table(&self.settling, &self.conditions())
+        if self.configs.len() <= 3 {
+            return settling_table(&self.settling, &self.conditions());
+        }
+        let name = if self.name.is_empty() { String::new() } else { format!("{}: ", self.name) };
+        let caption = format!(
+            "{name}mean settling time after the end of the profile in ms (reduction against {}; unsettled moves): {}",
+            self.configs[0].settling.name,
+            self.conditions().caption(self.settling.moves)
+        );
+        let mut header = vec!["configuration".to_owned()];
+        header.extend(self.settling.tolerances_nm.iter().map(|nm| format!("±{nm} nm")));
+        let header: Vec<&str> = header.iter().map(String::as_str).collect();
+        self.configs.iter().enumerate().fold(Table::new(caption, &header), |table, (index, config)| {
+            let cell = |t: usize| {
+                let Some(mean_ms) = config.settling.mean_ms[t] else { return MISSING.to_owned() };
+                let reduction =
+                    config.reduction_percent[t].filter(|_| index > 0).map(|r| format!("{} %", number(r, 0)));
+                let unsettled = Some(config.settling.unsettled[t]).filter(|n| *n > 0).map(|n| format!("{n} not"));
+                let notes: Vec<String> = reduction.into_iter().chain(unsettled).collect();
+                let notes = if notes.is_empty() { String::new() } else { format!(" ({})", notes.join("; ")) };
+                format!("{}{notes}", number(mean_ms, 1))
+            };
+            let cells = (0..self.settling.tolerances_nm.len()).map(cell);
+            table.row(std::iter::once(config.settling.name.clone()).chain(cells))
+        })
     }
+}
+
+/// A plant in words.
+pub(super) fn plant(stage: &Stage) -> String {
+    format!(
+        "{} kg, {} friction σ {:.2} N/µm, F_C {:.2} N",
+        stage.mechanics.mass_kg,
+        stage.friction.model.name(),
+        stage.friction.stiffness_n_per_m * 1e-6,
+        stage.friction.coulomb_n
+    )
 }
 
 /// A length in its natural unit.
@@ -278,6 +336,12 @@ impl ConfigOutcome {
             let finished = moves.iter().filter(|m| m.fault.is_none());
             rms_nm(case, finished.map(|m| of(m))).map(|nm| round_to(nm, 3))
         };
+        let count_nm = case.settings.encoder_count_m * 1e9;
+        let finished: Vec<&&MoveResult> = moves.iter().filter(|m| m.fault.is_none()).collect();
+        let at_rest_nm = |of: fn(&MoveResult) -> f64| {
+            let mean = finished.iter().map(|m| of(m)).sum::<f64>() / finished.len() as f64;
+            (!finished.is_empty()).then(|| round_to(libm::sqrt(mean) * count_nm, 3))
+        };
         let means = baseline.mean_ms.iter().zip(&settling.mean_ms);
         ConfigOutcome {
             settling: settling.clone(),
@@ -287,9 +351,18 @@ impl ConfigOutcome {
             tracking_rms_nm: rms_nm(|m| m.tracking),
             end_error_rms_nm: rms_nm(|m| m.end),
             after_settling_rms_nm: rms_nm(|m| m.after_settling),
+            steady_error_nm: at_rest_nm(|m| m.rest.mean_ct() * m.rest.mean_ct()),
+            restless_nm: at_rest_nm(|m| m.rest.variance_ct2()),
             parameters: case.settings,
         }
     }
+}
+
+/// Fingerprint of passes, as they are written in a part's file.
+pub fn results_hash(passes: &Passes) -> String {
+    let text = serde_json::to_string(passes).unwrap_or_default();
+    let words: Vec<u32> = text.bytes().map(u32::from).collect();
+    format!("{:016x}", Fingerprint::default().with(&words).0)
 }
 
 impl TuningOutcome {

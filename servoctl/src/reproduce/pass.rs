@@ -50,6 +50,8 @@ pub struct MoveResult {
     pub after_settling: Squares,
     /// Error in the last [`NOISE_TICKS`] of the dwell; nothing if the move did not settle to the finest tolerance.
     pub holding: Squares,
+    /// Error in the last [`NOISE_TICKS`] of the dwell, settled or not.
+    pub rest: Rest,
     /// Error in the first sample after the profile.
     pub end: Squares,
     /// Error while the profile moves.
@@ -65,6 +67,35 @@ pub struct Squares {
     pub ct2: u64,
     /// Number of samples.
     pub samples: u32,
+}
+
+/// What a move comes to, in integers: whether it stays away, and whether it stays restless.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Rest {
+    /// Sum of the errors, counts.
+    pub sum_ct: i64,
+    /// Sum of their squares, counts².
+    pub ct2: u64,
+    /// Number of samples.
+    pub samples: u32,
+}
+
+impl Rest {
+    fn of(errors_ct: &[i32]) -> Rest {
+        let Squares { ct2, samples } = Squares::of(errors_ct);
+        Rest { sum_ct: errors_ct.iter().copied().map(i64::from).sum(), ct2, samples }
+    }
+
+    /// Mean error, counts; 0 without samples.
+    pub fn mean_ct(&self) -> f64 {
+        self.sum_ct as f64 / f64::from(self.samples.max(1))
+    }
+
+    /// Variance about that mean, counts²; 0 without samples.
+    pub fn variance_ct2(&self) -> f64 {
+        let samples = f64::from(self.samples.max(1));
+        (self.ct2 as f64 / samples - self.mean_ct() * self.mean_ct()).max(0.0)
+    }
 }
 
 impl Squares {
@@ -180,6 +211,7 @@ impl MoveResult {
             settled_ticks: vec![None; tolerances],
             after_settling: Squares::default(),
             holding: Squares::default(),
+            rest: Rest::default(),
             end: Squares::default(),
             tracking: Squares::default(),
             fault: None,
@@ -189,6 +221,7 @@ impl MoveResult {
     /// What the errors after the profile say: the rules of [`crate::settling`], on counts.
     fn judge(&mut self, error_ct: &[i32], limits_ct: &[u32]) {
         self.end = Squares::of(error_ct.first());
+        self.rest = Rest::of(&error_ct[error_ct.len().saturating_sub(NOISE_TICKS as usize)..]);
         let hold_from = error_ct.len().saturating_sub(HOLD_TICKS as usize);
         self.settled_ticks = limits_ct
             .iter()

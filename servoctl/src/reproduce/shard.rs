@@ -10,7 +10,7 @@ use super::campaign::{Passes, Shard};
 use super::experiments::{Plan, Request};
 
 /// What a file of a part begins with.
-pub const FORMAT: &str = "servoctl shard 1";
+pub const FORMAT: &str = "servoctl shard 2";
 
 /// A part: what was asked for, and the passes that it has.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

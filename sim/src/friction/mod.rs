@@ -13,6 +13,7 @@
 //! do not depend on the rate leave the time away.
 
 mod coulomb;
+pub mod curves;
 mod dahl;
 mod elements;
 pub mod gms;

@@ -11,7 +11,7 @@ use servo_core::config::Compensator;
 use servo_core::parameters::Settings;
 use servo_core::position::Position;
 use servo_core::settling::TOLERANCES_NM;
-use servo_host_tests::experiment::FIVE_MM_SLOW;
+use servo_host_tests::experiment::{FIVE_MM_SLOW, Steps};
 use servo_host_tests::tuning;
 use servo_sim::Stage;
 use servo_virtual_board::session::Session;
@@ -43,6 +43,8 @@ struct Arguments {
     elf: Option<PathBuf>,
 }
 
+/// First experiment (9.1). PID creeps with a time constant of 2σ/k_I, about a second: less dwell would count the creep as noise in position.
+const MOVE: Steps = Steps { dwell_s: 4.0, ..FIVE_MM_SLOW };
 /// CPU clock of the board, for cycle counts.
 const CYCLES_PER_US: f64 = 400.0;
 /// Error traces: 1 s at 2 kHz.
@@ -144,19 +146,19 @@ fn run(
     let from_ns = session.board.time_ns();
     session.configure(settings)?;
     session.enable(compensator)?;
-    let limits = FIVE_MM_SLOW.limits(settings);
+    let limits = MOVE.limits(settings);
     let nm_per_ct = settings.encoder_count_m * 1e9;
     let (mut settling_ms, mut mean_squares, mut move_traces) = (Vec::new(), Vec::new(), Vec::new());
     let mut force = ForceTrace { displacement_nm: Vec::new(), force_n: Vec::new() };
     for index in 0..moves {
         session.board.redraw_friction(index)?;
         session.arm_capture(CAPTURE)?;
-        let target = FIVE_MM_SLOW.target(Position(0), index, settings.encoder_count_m);
+        let target = MOVE.target(Position(0), index, settings.encoder_count_m);
         session.move_to(target.0, limits)?;
         if index == 0 {
             session.board.start_trace()?;
         }
-        let mut left = Duration::from_secs_f64(FIVE_MM_SLOW.dwell_s);
+        let mut left = Duration::from_secs_f64(MOVE.dwell_s);
         while !left.is_zero() {
             session.board.run_for(CHUNK.min(left))?;
             left = left.saturating_sub(CHUNK);
@@ -222,7 +224,7 @@ fn conditions(stage: &Stage, settings: &Settings) -> Conditions {
     let spread = if friction.spread.is_some() { ", redrawn per move" } else { "" };
     Conditions {
         origin: "simulated (firmware on the virtual STM32H743)".to_owned(),
-        step: format!("5 mm at 1 m/s², dwell {} s", FIVE_MM_SLOW.dwell_s),
+        step: format!("5 mm at 1 m/s², dwell {} s", MOVE.dwell_s),
         tuning: format!(
             "100 Hz / 45°, no feedforward; NIASA τ_d {} ms, σ̂ {:.2} N/µm, F̂_C {:.2} N",
             settings.niasa_time_constant_s * 1e3,

@@ -1,0 +1,335 @@
+//! Chapter 4 on the drive: every compensator on the moves of the first experiment, each tuned by the same procedure.
+
+use std::sync::atomic::Ordering;
+
+use rayon::prelude::*;
+use serde::Serialize;
+use servo_core::SERVO_HZ;
+use servo_core::compensator::Compensator;
+use servo_core::parameters::Settings;
+use servo_core::refusal::Refusal;
+use servo_host_tests::FastBench;
+use servo_host_tests::experiment::Steps;
+use servo_host_tests::frequency_response::{Tone, play};
+use servo_host_tests::tuning::{self, STANDARD, Tuning};
+use servo_sim::Stage;
+
+use super::campaign::Watch;
+use super::experiments::{FIVE_MM_SLOW, Request, appendix_e, with};
+use super::loop_transmission::crossings;
+use super::pass::{self, Case};
+use crate::settling::round_to;
+use crate::table::{Table, number};
+
+/// How each compensator is tuned, in words.
+pub const PROCEDURE: &str = "for every candidate of a coarse grid the PD gains are adjusted until the loop transmission, measured at \
+     10 % of full current on the nominal stage, has the crossover frequency and phase margin of the PID 100 Hz / 45° (to 3 Hz and \
+     3°); candidates whose noise in position exceeds the PID's by more than a tenth are dropped; of the rest the one with the least \
+     cost is taken: mean settling time to ±10 nm plus that to ±100 nm over ten moves of another seed, a move that does not settle \
+     counting as its whole dwell";
+
+/// Added to the seed for the moves that the tuning sees.
+const TRAINING: u64 = 1_000;
+/// Their dwell, s.
+const TRAINING_DWELL_S: f64 = 2.0;
+/// Amplitude at which margins are measured, % of full scale.
+const AMPLITUDE_PERCENT: f64 = 10.0;
+/// Where the loop transmission is measured, as a share of the crossover frequency wanted.
+const AROUND: [f64; 5] = [0.7, 0.85, 1.0, 1.2, 1.45];
+/// Least time of a tone, s, and the ticks before it.
+const TONE_S: f64 = 0.15;
+const LEAD_TICKS: u32 = 1_600;
+/// Rounds of adjusting the gains.
+const ROUNDS: usize = 4;
+/// How near margins must come: Hz and °.
+const NEAR: (f64, f64) = (3.0, 3.0);
+/// Noise in position that is still equal, as a share of the PID's.
+const NOISIER: f64 = 1.1;
+
+/// What was tried, and what came of it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Search {
+    /// The procedure in words.
+    pub procedure: &'static str,
+    /// One entry for each compensator.
+    pub tuned: Vec<Tuned>,
+}
+
+/// A tuned compensator.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Tuned {
+    /// Name of the configuration.
+    pub name: &'static str,
+    /// The chosen parameters in words.
+    pub chosen: String,
+    /// How many candidates there were.
+    pub candidates: usize,
+    /// How many of them had the margins and the noise of the PID.
+    pub admissible: usize,
+    /// Whether the chosen one has.
+    pub is_admissible: bool,
+    /// Its crossover frequency (Hz).
+    pub crossover_hz: f64,
+    /// Its phase margin (°).
+    pub phase_margin_deg: f64,
+    /// Its noise in position: standard deviation in the last 500 ms of the dwell (nm).
+    pub noise_nm: f64,
+    /// Its cost (ms).
+    pub cost_ms: f64,
+    /// All parameters.
+    #[serde(skip)]
+    pub settings: Settings,
+}
+
+type Change = Box<dyn Fn(Settings) -> Settings + Send + Sync>;
+
+/// One point of a grid.
+struct Candidate {
+    name: &'static str,
+    words: String,
+    /// Factor on k_I.
+    integral: f64,
+    change: Change,
+}
+
+/// A candidate measured.
+struct Trial {
+    margins: (f64, f64),
+    noise_nm: f64,
+    cost_ms: f64,
+    settings: Settings,
+}
+
+/// Number of candidates, for progress.
+pub fn candidates() -> u64 {
+    grid().len() as u64
+}
+
+fn grid() -> Vec<Candidate> {
+    let mut grid = Vec::new();
+    let mut add = |name, words: String, integral, change: Change| {
+        grid.push(Candidate { name, words, integral, change });
+    };
+    for factor in [1.0, 1.7, 3.0] {
+        add("pid, k_I tuned", format!("k_I × {factor}"), factor, Box::new(|s| s));
+    }
+    for (model, name) in ["Coulomb", "Stribeck", "Dahl", "LuGre", "GMS"].into_iter().enumerate() {
+        for share in [0.5, 1.0] {
+            let change = move |s| {
+                let scaled = friction(s, 1.0, share);
+                with(Settings { feedforward_model: model as f64, ..scaled }, Compensator::Feedforward)
+            };
+            add("feedforward", format!("{name}, F_C × {share}"), 1.0, Box::new(change));
+        }
+    }
+    for (name, kind) in [("lugre-observer", Compensator::LugreObserver), ("dahl-observer", Compensator::DahlObserver)] {
+        for share in [0.25, 0.5, 0.75, 1.0] {
+            for tau_s in [0.01, 0.03, 0.1] {
+                let change = move |s| {
+                    let scaled = friction(s, share, share);
+                    with(Settings { observer_time_constant_s: tau_s, ..scaled }, kind)
+                };
+                add(name, format!("σ, F_C × {share}, τ_d {} ms", tau_s * 1e3), 1.0, Box::new(change));
+            }
+        }
+    }
+    for share in [0.03, 0.1, 0.3, 1.0] {
+        let change = move |s| with(Settings { schedule_share: share, ..s }, Compensator::ScheduledPd);
+        add("scheduled-pd", format!("share {share}"), 1.0, Box::new(change));
+    }
+    for hz in [3.0, 6.0, 10.0, 15.0, 20.0, 30.0, 50.0] {
+        let change = move |s| with(Settings { disturbance_bandwidth_hz: hz, ..s }, Compensator::DisturbanceObserver);
+        add("disturbance-observer", format!("{hz} Hz"), 1.0, Box::new(change));
+    }
+    for (name, kind, linear_too) in [
+        ("niasa", Compensator::Niasa, true),
+        ("niasa-7.55", Compensator::Niasa, false),
+        ("niasa-maxwell", Compensator::NiasaMaxwell, true),
+        ("niasa-maxwell-7.55", Compensator::NiasaMaxwell, false),
+    ] {
+        for factor in [1.0, 2.0] {
+            for tau_s in [0.003, 0.006, 0.01, 0.02] {
+                let change = move |s: Settings| {
+                    let niasa = Settings {
+                        niasa_stiffness_n_per_m: factor * s.niasa_stiffness_n_per_m,
+                        niasa_time_constant_s: tau_s,
+                        ..with(s, kind)
+                    };
+                    if linear_too { appendix_e(niasa) } else { niasa }
+                };
+                add(name, format!("σ̂ × {factor}, τ_d {} ms", tau_s * 1e3), 1.0, Box::new(change));
+            }
+        }
+    }
+    grid
+}
+
+/// Settings with the friction model of feedforward, observers and scheduled PD scaled.
+fn friction(s: Settings, stiffness: f64, coulomb: f64) -> Settings {
+    Settings {
+        friction_stiffness_n_per_m: stiffness * s.friction_stiffness_n_per_m,
+        friction_coulomb_n: coulomb * s.friction_coulomb_n,
+        friction_static_n: coulomb * s.friction_static_n,
+        ..s
+    }
+}
+
+/// Tunes every compensator for the stage of a request. `watch` hears of each candidate; ended from outside, the search tries no more.
+///
+/// # Errors
+/// A stage that the drive's parameters cannot describe, or on which the PID itself does not work.
+pub fn search(request: &Request, watch: Watch) -> Result<Search, Refusal> {
+    let stage = &request.stage;
+    let pid_settings = tuning::settings(stage, &STANDARD)?;
+    let wanted = margins(stage, &pid_settings, STANDARD.crossover_hz, request.seed)
+        .unwrap_or((STANDARD.crossover_hz, STANDARD.phase_margin_deg));
+    let pid = judged(request, wanted, pid_settings)?;
+    let grid = grid();
+    let trials: Vec<Option<Trial>> = grid
+        .par_iter()
+        .with_max_len(1)
+        .map(|candidate| {
+            if watch.stop.load(Ordering::Relaxed) {
+                return Ok(None);
+            }
+            let trial = match equalised(stage, candidate, wanted, request.seed) {
+                Some((settings, margins)) => Some(judged(request, margins, settings)?),
+                None => None,
+            };
+            (watch.finished)(1);
+            Ok(trial)
+        })
+        .collect::<Result<_, Refusal>>()?;
+    let is_admissible = |trial: &Trial| {
+        let (hz, deg) = trial.margins;
+        let near = (hz - wanted.0).abs() <= NEAR.0 && (deg - wanted.1).abs() <= NEAR.1;
+        near && trial.noise_nm <= NOISIER * pid.noise_nm
+    };
+    let mut tuned: Vec<Tuned> = vec![Tuned::new("pid", "100 Hz / 45°", 1, &[&pid], is_admissible, &pid)];
+    let mut names: Vec<&'static str> = grid.iter().map(|c| c.name).collect();
+    names.dedup();
+    for name in names {
+        let known: Vec<(&Candidate, &Trial)> = grid
+            .iter()
+            .zip(&trials)
+            .filter(|(c, _)| c.name == name)
+            .filter_map(|(c, t)| Some((c, t.as_ref()?)))
+            .collect();
+        let best = known.iter().min_by(|a, b| {
+            let rank = |t: &Trial| (!is_admissible(t), t.cost_ms);
+            let (a, b) = (rank(a.1), rank(b.1));
+            a.0.cmp(&b.0).then(a.1.total_cmp(&b.1))
+        });
+        if let Some((candidate, trial)) = best {
+            let candidates = grid.iter().filter(|c| c.name == name).count();
+            let all: Vec<&Trial> = known.iter().map(|(_, t)| *t).collect();
+            tuned.push(Tuned::new(name, &candidate.words, candidates, &all, is_admissible, trial));
+        }
+    }
+    Ok(Search { procedure: PROCEDURE, tuned })
+}
+
+impl Tuned {
+    fn new(
+        name: &'static str,
+        words: &str,
+        candidates: usize,
+        known: &[&Trial],
+        is_admissible: impl Fn(&Trial) -> bool,
+        trial: &Trial,
+    ) -> Tuned {
+        Tuned {
+            name,
+            chosen: words.to_owned(),
+            candidates,
+            admissible: known.iter().filter(|trial| is_admissible(trial)).count(),
+            is_admissible: is_admissible(trial),
+            crossover_hz: round_to(trial.margins.0, 2),
+            phase_margin_deg: round_to(trial.margins.1, 2),
+            noise_nm: round_to(trial.noise_nm, 3),
+            cost_ms: round_to(trial.cost_ms, 1),
+            settings: trial.settings,
+        }
+    }
+}
+
+/// Gains with which the candidate has the margins wanted, and what it has; nothing if the loop cannot be measured.
+fn equalised(stage: &Stage, candidate: &Candidate, wanted: (f64, f64), seed: u64) -> Option<(Settings, (f64, f64))> {
+    let mut design = Tuning { creep_per_s: candidate.integral * STANDARD.creep_per_s, ..STANDARD };
+    let mut found = None;
+    for _ in 0..ROUNDS {
+        let settings = (candidate.change)(tuning::settings(stage, &design).ok()?);
+        let measured = margins(stage, &settings, wanted.0, seed)?;
+        let miss = (wanted.0 - measured.0, wanted.1 - measured.1);
+        found = Some((settings, measured));
+        if miss.0.abs() < 0.2 * NEAR.0 && miss.1.abs() < 0.2 * NEAR.1 {
+            break;
+        }
+        design.crossover_hz = (design.crossover_hz + miss.0).clamp(0.3 * wanted.0, 3.0 * wanted.0);
+        design.phase_margin_deg = (design.phase_margin_deg + miss.1).clamp(20.0, 85.0);
+    }
+    found
+}
+
+/// Crossover frequency (Hz) and phase margin (°) near `around_hz`, by stepped sine on the stage without spread.
+fn margins(stage: &Stage, settings: &Settings, around_hz: f64, seed: u64) -> Option<(f64, f64)> {
+    let mut stage = *stage;
+    stage.friction.spread = None;
+    let amplitude_a = AMPLITUDE_PERCENT / 100.0 * stage.amplifier.full_scale_a;
+    let mut points = Vec::with_capacity(AROUND.len());
+    for share in AROUND {
+        let mut bench = FastBench::new(&stage, settings, seed).ok()?;
+        bench.enable().ok()?;
+        let response = play(&mut bench, &Tone::near(share * around_hz, amplitude_a, TONE_S), LEAD_TICKS).ok()?;
+        points.push((response.frequency_hz, response.loop_transmission));
+    }
+    crossings(&points).last().copied()
+}
+
+/// Noise and cost on the moves of the tuning.
+fn judged(request: &Request, margins: (f64, f64), settings: Settings) -> Result<Trial, Refusal> {
+    let steps = Steps { dwell_s: TRAINING_DWELL_S, ..FIVE_MM_SLOW };
+    let case = Case { name: String::new(), stage: request.stage, settings, steps, tolerances_nm: vec![10, 100] };
+    let moves = pass::run(&case, request.seed.wrapping_add(TRAINING), 0, pass::MOVES)?;
+    let count = moves.len() as f64;
+    let variance_ct2 = moves.iter().map(|m| m.rest.variance_ct2()).sum::<f64>() / count;
+    let ms = |ticks: &Option<u32>| ticks.map_or(TRAINING_DWELL_S, |t| f64::from(t) / f64::from(SERVO_HZ)) * 1e3;
+    let cost_ms = moves.iter().flat_map(|m| &m.settled_ticks).map(ms).sum::<f64>() / count;
+    let faulty = moves.iter().any(|m| m.fault.is_some());
+    Ok(Trial {
+        margins,
+        noise_nm: if faulty { f64::INFINITY } else { libm::sqrt(variance_ct2) * settings.encoder_count_m * 1e9 },
+        cost_ms,
+        settings,
+    })
+}
+
+impl Search {
+    /// How each was tuned, for a terminal.
+    pub fn table(&self) -> Table {
+        let header = [
+            "compensator",
+            "chosen",
+            "candidates",
+            "admissible",
+            "crossover / Hz",
+            "phase margin / °",
+            "noise / nm",
+            "cost / ms",
+        ];
+        let table = Table { text_columns: 2, ..Table::new(format!("Tuning: {}", self.procedure), &header) };
+        self.tuned.iter().fold(table, |table, tuned| {
+            let admissible = if tuned.is_admissible { "" } else { " (not this one)" };
+            table.row([
+                tuned.name.to_owned(),
+                tuned.chosen.clone(),
+                tuned.candidates.to_string(),
+                format!("{}{admissible}", tuned.admissible),
+                number(tuned.crossover_hz, 1),
+                number(tuned.phase_margin_deg, 1),
+                number(tuned.noise_nm, 2),
+                number(tuned.cost_ms, 0),
+            ])
+        })
+    }
+}

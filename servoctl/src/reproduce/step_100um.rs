@@ -1,0 +1,332 @@
+//! The 100 µm step of section 5.3: where the stage ceases to be linear, found from the times between the extremes of its swing.
+
+use std::sync::atomic::Ordering;
+
+use rayon::prelude::*;
+use serde::Serialize;
+use servo_core::SERVO_HZ;
+use servo_core::drive::Command;
+use servo_core::parameters::Settings;
+use servo_core::position::Position;
+use servo_core::profile::Limits;
+use servo_core::refusal::Refusal;
+use servo_core::state::State;
+use servo_host_tests::FastBench;
+use servo_host_tests::tuning::{self, STANDARD};
+use servo_sim::Stage;
+
+use super::campaign::Watch;
+use super::experiments::gains;
+use super::outcome::{ORIGIN, plant};
+use crate::settling::round_to;
+use crate::table::{MISSING, Table, number};
+
+/// Length of the step, m.
+const STEP_M: f64 = 100e-6;
+/// Acceleration of its profile, m/s²: 4.5 ms, without saturation. A true step would be all saturation.
+const ACCELERATION_M_PER_S2: f64 = 20.0;
+/// Time recorded, s.
+const RECORD_S: f64 = 1.0;
+/// The move before, m: it leaves the guides rolling in one direction, as any move does.
+const APPROACH_M: f64 = 0.5e-3;
+/// Time after it, s.
+const APPROACH_DWELL_S: f64 = 2.0;
+/// Way back that makes an extreme, in units of the encoder's rms noise, and at least two counts.
+const HYSTERESIS: f64 = 10.0;
+/// A leg that takes longer than the linear one by this factor is no longer linear: the procedure's one parameter.
+const SLOW: f64 = 1.5;
+/// Friction of the linear stage, as a share of the stage's.
+const LINEAR_SHARE: f64 = 1e-4;
+
+/// Moves with friction of their own if nothing else is asked for.
+pub const MOVES: u64 = 50;
+
+/// Everything found.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Step100Um {
+    /// Name as typed.
+    pub experiment: &'static str,
+    /// Section of the thesis.
+    pub thesis_section: &'static str,
+    /// Where the numbers come from.
+    pub origin: &'static str,
+    /// Seed of friction and noise.
+    pub seed: u64,
+    /// The step on the stage as it stands in its file.
+    pub stage: Swing,
+    /// The same drive on the same mass with next to no friction: what the linear approximation predicts.
+    pub linear: Swing,
+    /// Median time between extremes of the linear stage (ms).
+    pub linear_leg_ms: f64,
+    /// F_C/k_P: nearer to the target the proportional force alone cannot overcome friction (nm).
+    pub stuck_within_nm: f64,
+    /// What the procedure says of the stage.
+    pub finding: Option<Finding>,
+    /// The same of the linear stage: how far its own swing can be seen.
+    pub linear_finding: Option<Finding>,
+    /// The same of steps with friction drawn for each.
+    pub redrawn: Vec<Option<Finding>>,
+    /// The simulated hardware.
+    pub plant: Stage,
+}
+
+/// A step and the extremes of its swing.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Swing {
+    /// Time since the profile began (ms), one value per tick.
+    pub time_ms: Vec<f64>,
+    /// Measured position − target (nm).
+    pub error_nm: Vec<f64>,
+    /// When the extremes are (ms).
+    pub extreme_ms: Vec<f64>,
+    /// And how far from the target (nm).
+    pub extreme_nm: Vec<f64>,
+    /// When it last comes within the hysteresis of the target (ms); `None` if it does not in the time recorded.
+    pub settled_ms: Option<f64>,
+}
+
+/// Where the stage ceases to be linear.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Finding {
+    /// Distance from the target at which the last leg of linear length begins (nm); `None` if there is none.
+    pub linear_down_to_nm: Option<f64>,
+    /// Distance from the target at which the first slow leg begins: the length scale of pre-rolling (nm).
+    pub length_scale_nm: f64,
+    /// How long the first slow leg takes, to the next extreme or, if none follows, to the target (ms).
+    pub slow_leg_ms: f64,
+    /// Whether no extreme follows: the stage creeps to the target.
+    pub creeps: bool,
+    /// How long the leg after it takes (ms); `None` if the stage creeps.
+    pub next_leg_ms: Option<f64>,
+}
+
+/// Makes the steps; `None` if it was ended from outside.
+///
+/// # Errors
+/// A stage that the drive's parameters cannot describe.
+pub fn run(stage: &Stage, moves: u64, seed: u64, watch: Watch) -> Result<Option<Step100Um>, Refusal> {
+    let settings = tuning::settings(stage, &STANDARD)?;
+    let mut free = *stage;
+    free.friction.spread = None;
+    free.friction.coulomb_n = (LINEAR_SHARE * stage.friction.coulomb_n).max(1e-6);
+    free.friction.static_n = None;
+    let mut nominal = *stage;
+    nominal.friction.spread = None;
+    let swing = swing(&nominal, &settings, seed, 0)?;
+    let linear = self::swing(&free, &settings, seed, 0)?;
+    let Some(linear_leg_ms) = median(legs(&linear)) else { return Ok(None) };
+    let redrawn: Vec<Option<Option<Finding>>> = (0..moves)
+        .into_par_iter()
+        .map(|index| {
+            if watch.stop.load(Ordering::Relaxed) {
+                return Ok(None);
+            }
+            let found = finding(&self::swing(stage, &settings, seed, index)?, linear_leg_ms);
+            (watch.finished)(1);
+            Ok(Some(found))
+        })
+        .collect::<Result<_, Refusal>>()?;
+    let Some(redrawn) = redrawn.into_iter().collect::<Option<Vec<_>>>() else { return Ok(None) };
+    Ok(Some(Step100Um {
+        experiment: "step-100um",
+        thesis_section: "5.3",
+        origin: ORIGIN,
+        seed,
+        finding: finding(&swing, linear_leg_ms),
+        linear_finding: finding(&linear, linear_leg_ms),
+        stage: swing,
+        linear,
+        linear_leg_ms: round_to(linear_leg_ms, 3),
+        stuck_within_nm: round_to(stage.friction.coulomb_n / gains(&settings).kp_n_per_m * 1e9, 1),
+        redrawn,
+        plant: nominal,
+    }))
+}
+
+/// The step, after a move that leaves the guides rolling.
+fn swing(stage: &Stage, settings: &Settings, seed: u64, index: u64) -> Result<Swing, Refusal> {
+    let ticks = |s: f64| (s * f64::from(SERVO_HZ)).round() as usize;
+    let count_nm = settings.encoder_count_m * 1e9;
+    let at = |m: f64| Position((m / settings.encoder_count_m).round() as i64);
+    let limits = |acceleration: f64| Limits {
+        velocity_m_per_s: settings.velocity_max_m_per_s as f32,
+        acceleration_m_per_s2: acceleration.min(settings.acceleration_max_m_per_s2) as f32,
+        jerk_m_per_s3: None,
+    };
+    let mut bench = FastBench::new(stage, settings, seed)?;
+    bench.enable()?;
+    bench.redraw(index);
+    bench.command(Command::Move { target: at(APPROACH_M), limits: limits(1.0) })?;
+    for _ in 0..ticks(APPROACH_DWELL_S) {
+        bench.tick(None);
+    }
+    let target = at(APPROACH_M + STEP_M);
+    bench.command(Command::Move { target, limits: limits(ACCELERATION_M_PER_S2) })?;
+    let mut error_nm = Vec::with_capacity(ticks(RECORD_S));
+    for _ in 0..ticks(RECORD_S) {
+        let record = bench.tick(None).record;
+        if record.state != State::OperationEnabled {
+            return Err(Refusal::WrongState(record.state));
+        }
+        error_nm.push(round_to((record.position.0 - target.0) as f64 * count_nm, 3));
+    }
+    let tick_ms = 1e3 / f64::from(SERVO_HZ);
+    let hysteresis_nm = (HYSTERESIS * stage.encoder.noise_m_rms * 1e9).max(2.0 * count_nm);
+    let extremes = extremes(&error_nm, hysteresis_nm);
+    let settled = error_nm.iter().rposition(|e| e.abs() > hysteresis_nm).map(|last| last + 1);
+    Ok(Swing {
+        time_ms: (0..error_nm.len()).map(|i| i as f64 * tick_ms).collect(),
+        extreme_ms: extremes.iter().map(|i| *i as f64 * tick_ms).collect(),
+        extreme_nm: extremes.iter().map(|i| error_nm[*i]).collect(),
+        settled_ms: settled.filter(|i| *i < error_nm.len()).map(|i| i as f64 * tick_ms),
+        error_nm,
+    })
+}
+
+/// Indices of maxima and minima in turn, beginning with a maximum: each at least `hysteresis` beyond what follows it.
+fn extremes(values: &[f64], hysteresis: f64) -> Vec<usize> {
+    let (mut found, mut best, mut upwards) = (Vec::new(), 0, true);
+    for (i, value) in values.iter().enumerate() {
+        let ahead = if upwards { value - values[best] } else { values[best] - value };
+        if ahead >= 0.0 {
+            best = i;
+        } else if -ahead >= hysteresis {
+            found.push(best);
+            (best, upwards) = (i, !upwards);
+        }
+    }
+    found
+}
+
+/// Times between the extremes, ms.
+fn legs(swing: &Swing) -> Vec<f64> {
+    swing.extreme_ms.windows(2).map(|pair| pair[1] - pair[0]).collect()
+}
+
+fn median(mut values: Vec<f64>) -> Option<f64> {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied()
+}
+
+/// The first leg that takes longer than a linear one, the last way to the target among them.
+fn finding(swing: &Swing, linear_leg_ms: f64) -> Option<Finding> {
+    let mut legs = legs(swing);
+    let reversals = legs.len();
+    // The last extreme may lie within the hysteresis of the target, or so near that nothing is left to go.
+    legs.extend(swing.settled_ms.zip(swing.extreme_ms.last()).map(|(end, last)| (end - last).max(0.0)));
+    let slow = legs.iter().position(|ms| *ms > SLOW * linear_leg_ms)?;
+    let distance_nm = |extreme: usize| swing.extreme_nm[extreme].abs();
+    Some(Finding {
+        linear_down_to_nm: slow.checked_sub(1).map(distance_nm),
+        length_scale_nm: distance_nm(slow),
+        slow_leg_ms: round_to(legs[slow], 3),
+        creeps: slow == reversals,
+        next_leg_ms: legs.get(slow + 1).map(|ms| round_to(*ms, 3)),
+    })
+}
+
+impl Step100Um {
+    /// The tables for a terminal.
+    pub fn to_text(&self) -> String {
+        [self.extremes_table(), self.finding_table()].map(|table| table.to_text()).join("\n")
+    }
+
+    /// Extremes of both swings.
+    pub fn extremes_table(&self) -> Table {
+        let caption = format!(
+            "Extremes after a 100 µm step in {} ms, PID 100 Hz / 45° without feedforward (5.3): {ORIGIN}, {}; beside the same \
+             drive and mass without friction",
+            number(2e3 * libm::sqrt(STEP_M / ACCELERATION_M_PER_S2), 1),
+            plant(&self.plant)
+        );
+        let header = [
+            "extreme",
+            "at / ms",
+            "from target / nm",
+            "since last / ms",
+            "linear: at / ms",
+            "from target / nm",
+            "since last / ms",
+        ];
+        let rows = self.stage.extreme_ms.len().max(self.linear.extreme_ms.len().min(8));
+        (0..rows).fold(Table::new(caption, &header), |table, i| {
+            let cells = [&self.stage, &self.linear].into_iter().flat_map(|swing| {
+                let cell = |value: Option<f64>, decimals| value.map_or(MISSING.to_owned(), |v| number(v, decimals));
+                let leg = i.checked_sub(1).and_then(|before| legs(swing).get(before).copied());
+                [cell(swing.extreme_ms.get(i).copied(), 1), cell(swing.extreme_nm.get(i).copied(), 0), cell(leg, 1)]
+            });
+            table.row(std::iter::once((i + 1).to_string()).chain(cells))
+        })
+    }
+
+    /// The length scale beside the thesis'.
+    pub fn finding_table(&self) -> Table {
+        let caption = format!(
+            "Length scale of pre-rolling: where the first leg begins that takes {SLOW} times as long as the linear one of {} ms, to \
+             the next extreme or, if the stage creeps, to the target; thesis, the stage as in its file, the same without friction, \
+             and {} steps with friction drawn for each (median, least, largest). F_C/k_P is {} nm: a swing that cannot reach \
+             farther than that ends there, and the integrator creeps the rest",
+            number(self.linear_leg_ms, 1),
+            self.redrawn.len(),
+            number(self.stuck_within_nm, 0)
+        );
+        let header = ["quantity", "thesis", "nominal", "without friction", "median", "least", "largest"];
+        let drawn: Vec<&Finding> = self.redrawn.iter().flatten().collect();
+        let row = |name: &str, thesis: &str, of: fn(&Finding) -> Option<f64>, decimals: usize| {
+            let cell = |value: Option<f64>| value.map_or(MISSING.to_owned(), |v| number(v, decimals));
+            let mut values: Vec<f64> = drawn.iter().filter_map(|f| of(f)).collect();
+            values.sort_by(f64::total_cmp);
+            [
+                name.to_owned(),
+                thesis.to_owned(),
+                cell(self.finding.as_ref().and_then(of)),
+                cell(self.linear_finding.as_ref().and_then(of)),
+                cell(values.get(values.len() / 2).copied()),
+                cell(values.first().copied()),
+                cell(values.last().copied()),
+            ]
+        };
+        Table::new(caption, &header)
+            .row(row("linear down to / nm", "3810", |f| f.linear_down_to_nm, 0))
+            .row(row("length scale / nm", "637 (≈ 600)", |f| Some(f.length_scale_nm), 0))
+            .row(row("first slow leg / ms", "23", |f| Some(f.slow_leg_ms), 1))
+            .row(row("leg after it / ms", "67", |f| f.next_leg_ms, 1))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn extremes_are_found_in_turn_and_ripple_is_none() {
+        let values = [-9.0, 5.0, 4.9, 5.1, -3.0, -2.9, -3.1, 1.0, 0.9, 0.95];
+        assert_eq!(extremes(&values, 0.5), [3, 6]);
+        assert_eq!(extremes(&values, 0.05), [1, 2, 3, 4, 5, 6, 7]);
+        assert!(extremes(&[], 1.0).is_empty());
+    }
+
+    #[test]
+    fn the_numbers_of_figure_18_give_the_length_scale_of_the_thesis() {
+        let swing = Swing {
+            time_ms: vec![],
+            error_nm: vec![],
+            extreme_ms: vec![8.0, 16.0, 24.0, 32.0, 55.0, 122.0],
+            extreme_nm: vec![40e3, -13e3, 3810.0, -637.0, 115.0, 19.0],
+            settled_ms: Some(150.0),
+        };
+        let expected = Finding {
+            linear_down_to_nm: Some(3810.0),
+            length_scale_nm: 637.0,
+            slow_leg_ms: 23.0,
+            creeps: false,
+            next_leg_ms: Some(67.0),
+        };
+        assert_eq!(finding(&swing, 8.0), Some(expected));
+        let linear = Swing { extreme_ms: vec![8.0, 16.0, 24.0], settled_ms: Some(30.0), ..swing };
+        assert_eq!(finding(&linear, 8.0), None);
+        let creeping = finding(&Swing { settled_ms: Some(90.0), ..linear }, 8.0).unwrap();
+        assert!(creeping.creeps && creeping.slow_leg_ms == 66.0 && creeping.length_scale_nm == 3810.0);
+        assert_eq!(creeping.linear_down_to_nm, Some(13e3));
+    }
+}

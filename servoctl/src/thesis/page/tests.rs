@@ -1,0 +1,136 @@
+use super::*;
+use crate::thesis::run::{Nobody, Observer, Request, Size, run};
+use std::sync::LazyLock;
+use std::sync::atomic::AtomicBool;
+
+/// Everything, with one move per configuration.
+static TINY: LazyLock<Computed> = LazyLock::new(|| run(Request::new(Size::Moves(1), 1), &Nobody).unwrap());
+
+/// Targets, figures and tables whose sections do not exist yet.
+const AWAITED: [Target; 13] = [
+    Target::Models,
+    Target::Feedforward,
+    Target::Observer,
+    Target::ScheduledPd,
+    Target::Extrema,
+    Target::LengthScale,
+    Target::WorstFit,
+    Target::Stiffness,
+    Target::Coulomb,
+    Target::ProfileAgainstSettling,
+    Target::GmsSlope,
+    Target::HalfWrong,
+    Target::GmsSum,
+];
+const AWAITED_FIGURES: [&str; 5] =
+    ["Figures 1 and 2", "Figures 4 to 10", "Figures 17 to 33", "Figure 83", "Tables 1 and 2"];
+
+/// Ended before it began.
+fn ended() -> Computed {
+    static STOP: AtomicBool = AtomicBool::new(true);
+    struct Ended;
+    impl Observer for Ended {
+        fn begin(&self, _: &str, _: u64, _: &str) -> Box<dyn Fn(u64) + Sync> {
+            Box::new(|_| ())
+        }
+        fn stop(&self) -> &AtomicBool {
+            &STOP
+        }
+    }
+    run(Request::new(Size::Moves(1), 1), &Ended).unwrap()
+}
+
+/// HTML written by maud is XML but for the doctype and the void element `meta`.
+fn parsed(page: &str) -> String {
+    let body = page.strip_prefix("<!DOCTYPE html>").unwrap();
+    let mut parts = body.split("<meta");
+    let first = parts.next().unwrap().to_owned();
+    parts.fold(first, |all, part| all + "<meta" + &part.replacen('>', "/>", 1))
+}
+
+/// Text as it stands in HTML.
+fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
+
+#[test]
+fn every_target_is_there_with_both_numbers() {
+    let page = render(&TINY);
+    let found: Vec<&Finding> = TINY.sections.iter().flat_map(|section| &section.findings).collect();
+    for target in Target::ALL.into_iter().filter(|target| !AWAITED.contains(target)) {
+        let printed = target.printed();
+        let findings: Vec<_> = found.iter().filter(|finding| finding.target == target).collect();
+        assert_eq!(findings.len(), 1, "{}", printed.quantity);
+        assert!(
+            !findings[0].ours.is_empty() && findings[0].verdict.outcome != Outcome::NotComputed,
+            "{}",
+            printed.quantity
+        );
+        for text in [printed.thesis, &findings[0].ours] {
+            // At a glance, and in its section.
+            assert!(page.matches(&escaped(text)).count() >= 2, "{text}");
+        }
+    }
+}
+
+#[test]
+fn every_figure_and_table_of_the_thesis_is_there_or_is_a_drawing() {
+    let lost = index(&TINY.sections).into_iter().filter(|entry| entry.place == Err("not computed in this run".into()));
+    let lost: Vec<String> = lost.map(|entry| entry.name).collect();
+    assert_eq!(lost, [AWAITED_FIGURES.as_slice(), &["Table 4"]].concat());
+}
+
+#[test]
+fn the_page_is_well_formed_and_needs_nothing_from_elsewhere() {
+    let page = render(&TINY);
+    roxmltree::Document::parse(&parsed(&page)).unwrap();
+    let own = page.replace("http://www.w3.org/2000/svg", "");
+    for foreign in ["http:", "https:", "<script", "<link", "@import", "url(", "src="] {
+        assert!(!own.contains(foreign), "{foreign} in the page");
+    }
+}
+
+#[test]
+fn every_link_leads_somewhere() {
+    let page = render(&TINY);
+    for target in page.split("href=\"#").skip(1).filter_map(|rest| rest.split('"').next()) {
+        assert!(page.contains(&format!("<section id=\"{target}\">")), "{target}");
+    }
+}
+
+#[test]
+fn every_settling_result_names_its_conditions() {
+    for section in TINY.sections.iter().filter(|section| section.title.starts_with('9')) {
+        for block in &section.blocks {
+            let (Block::Figure { caption, .. } | Block::Table(crate::table::Table { caption, .. })) = block else {
+                continue;
+            };
+            for condition in ["simulated", "step", "tuning", "plant", "move"] {
+                assert!(caption.contains(condition), "{}: {caption}", section.title);
+            }
+        }
+    }
+}
+
+#[test]
+fn ended_before_it_began_it_says_what_is_missing() {
+    let computed = ended();
+    let page = render(&computed);
+    roxmltree::Document::parse(&parsed(&page)).unwrap();
+    assert!(page.contains("Missing: 9.1 first experiment: the run was ended before."));
+    assert!(computed.sections.is_empty() && page.contains("not computed"));
+    for printed in Target::ALL.map(Target::printed) {
+        assert!(page.contains(&escaped(printed.thesis)), "{}", printed.thesis);
+    }
+    assert!(text(&computed).ends_with(&format!("0 of {0} statements: {0} not computed\n", Target::ALL.len())));
+}
+
+#[test]
+fn json_has_a_row_for_every_target_and_the_experiments() {
+    let value = serde_json::to_value(json(&TINY)).unwrap();
+    let rows = value["rows"].as_array().unwrap();
+    assert_eq!(rows.len(), Target::ALL.len());
+    assert!(rows.iter().all(|row| row["thesis"].is_string() && row["verdict"].is_string()));
+    assert_eq!(value["experiments"]["exp1"]["moves"], 1);
+    assert_eq!(value["complete"], true);
+}

@@ -1,0 +1,64 @@
+//! The first experiment (9.1): 250 steps of 5 mm at 1 m/s², PID 100 Hz / 45° without feedforward.
+
+use super::settling::{
+    NIASA, faster_everywhere, range_in_words, reduction_plot, settling_plot, unsettled, within_range,
+};
+use super::traces::{Traces, error_plot};
+use crate::reproduce::outcome::Run;
+use crate::thesis::section::Section;
+use crate::thesis::targets::Target;
+use crate::thesis::verdict::Check;
+
+/// Reduction of the mean settling time in the thesis (%), over all tolerances.
+pub const THESIS_PERCENT: (f64, f64) = (80.5, 87.4);
+
+/// Index of the configuration with NIASA as in 7.55.
+const NIASA_7_55: usize = 2;
+
+/// The section; `traces` are of PID and of NIASA.
+pub fn section(run: &Run, traces: &[Traces]) -> Section {
+    let caption = run.conditions().caption(run.settling.moves);
+    let mut checks: Vec<Check> = vec![faster_everywhere(run)];
+    checks.extend(within_range(run, THESIS_PERCENT));
+    let ours = format!(
+        "{} as in appendix E, {} as in 7.55; {} moves",
+        range_in_words(run, NIASA),
+        range_in_words(run, NIASA_7_55),
+        run.settling.moves
+    );
+    let mut section = Section::new("9.1 First experiment: 5 mm at 1 m/s²")
+        .finding(Target::FirstExperiment, ours, &checks)
+        .figure(
+            &[3, 63, 64],
+            [settling_plot(run), reduction_plot(run, Some(THESIS_PERCENT))],
+            format!(
+                "settling time after the end of the profile (left), mean ± standard deviation, and its reduction by NIASA \
+                 (right), mean ± standard error; {caption}"
+            ),
+        )
+        .table(&[], run.table());
+    if let Some(note) = unsettled(&[run]) {
+        section = section.text(note);
+    }
+    if let [pid, niasa] = traces {
+        section = section
+            .figure(
+                &[65],
+                [error_plot(pid, 400.0, 1000.0), error_plot(pid, 400.0, 100.0)],
+                format!(
+                    "position error after the profile with PID alone, {} moves, coarse and fine; {caption}",
+                    pid.moves.len()
+                ),
+            )
+            .figure(
+                &[66, 67],
+                [error_plot(niasa, 400.0, 1000.0), error_plot(niasa, 400.0, 100.0)],
+                format!("the same moves with NIASA as in appendix E, coarse and fine; {caption}"),
+            );
+    }
+    section.text(
+        "Appendix E adds the slope of the modelled friction to a linear integral that stays as it is; equation 7.55 has k_P in the \
+         integral too, and the drive freezes it while the profile moves. Both are shown; the thesis' numbers are held against \
+         appendix E, which is what its drive ran.",
+    )
+}

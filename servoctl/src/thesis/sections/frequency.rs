@@ -1,0 +1,343 @@
+//! Loop transmissions: by amplitude (5.1, fig. 15) and with NIASA (8.2, figs 57 to 62 and 68).
+
+use crate::plot::{Axis, Band, Plot, Series};
+use crate::reproduce::loop_transmission::{Curve, LoopTransmission, RATES_PER_S, SECTION_8_2_PERCENT, Stability};
+use crate::reproduce::outcome::ORIGIN;
+use crate::table::{MISSING, number};
+use crate::thesis::section::Section;
+use crate::thesis::targets::Target;
+use crate::thesis::verdict::{Check, Verdict, judge};
+
+/// Least amplitude that behaves like a mass, and largest that behaves like a spring, in the thesis (% of full current).
+const MASS_FROM_PERCENT: f64 = 1.25;
+/// See [`MASS_FROM_PERCENT`].
+const SPRING_TO_PERCENT: f64 = 0.625;
+/// Resonance of the small amplitudes in the thesis (Hz).
+const RESONANCE_HZ: (f64, f64) = (250.0, 420.0);
+/// Crossover of section 8.2 at large amplitude (Hz), and at small amplitude: PID, σ̂ = 4 and 8 N/µm.
+const LARGE_HZ: f64 = 315.0;
+/// See [`LARGE_HZ`].
+const SMALL_HZ: [f64; 3] = [15.0, 50.0, 90.0];
+/// How far a crossover may be off where the thesis says "near" and "about" (share), and where it says "unchanged".
+const ABOUT: f64 = 0.2;
+/// See [`ABOUT`].
+const UNCHANGED: f64 = 0.02;
+
+/// Section 5.1.
+pub fn by_amplitude(measured: &LoopTransmission) -> Section {
+    let curves = &measured.figure_15;
+    let like = |what: &str| {
+        let percent: Vec<String> =
+            curves.iter().filter(|c| c.behaves_like == what).map(|c| c.amplitude_percent.to_string()).collect();
+        format!("{} % like a {what}", if percent.is_empty() { MISSING.to_owned() } else { percent.join(", ") })
+    };
+    let resonances: Vec<String> =
+        small(curves).map(|c| c.resonance_hz.map_or(MISSING.to_owned(), |hz| number(hz, 0))).collect();
+    let conditions = conditions(measured, "PID 100 Hz / 45°");
+    Section::new("5.1 Loop transmission by amplitude")
+        .finding(Target::LoopByAmplitude, format!("{}; {}", like("mass"), like("spring")), &behaviour_checks(curves))
+        .judged(Target::Resonance, format!("{} Hz", resonances.join(", ")), resonance_verdict(measured))
+        .figure(
+            &[15, 62],
+            bode(curves.iter().map(|c| (format!("{} %", c.amplitude_percent), c))),
+            format!(
+                "loop transmission by stepped sine at eight amplitudes, % of the amplifier's full current; the 10 % curve is that of \
+                 the first tuning; {conditions}"
+            ),
+        )
+        .table(&[], measured.figure_15_table())
+}
+
+/// Section 8.2.
+pub fn with_niasa(measured: &LoopTransmission) -> Section {
+    let large: Vec<&Curve> = at(measured, SECTION_8_2_PERCENT[0]);
+    let (small_percent, small_words, small_verdict) = small_crossovers(measured);
+    let conditions = conditions(measured, "PID 315 Hz / 50°, NIASA as in appendix E");
+    let both = |pick: fn(&Curve) -> bool| {
+        let of = |percent: f64, word: &'static str| {
+            at(measured, percent).into_iter().filter(move |c| pick(c)).map(move |c| (format!("{}, {word}", name(c)), c))
+        };
+        bode(of(SECTION_8_2_PERCENT[0], "large").chain(of(small_percent, "small")))
+    };
+    let amplitudes = format!("large: {} %, small: {small_percent} % of full current", SECTION_8_2_PERCENT[0]);
+    Section::new("8.2 Loop transmission with NIASA")
+        .finding(Target::LargeCrossover, first_crossovers(&large), &large_checks(&large))
+        .judged(Target::SmallCrossover, small_words, small_verdict)
+        .finding(Target::WithoutRateLimit, stability_in_words(&measured.stability), &stability_checks(&measured.stability))
+        .text(format!(
+            "The thesis does not say how small its small amplitude was. Far inside pre-rolling the stage is a spring, of twice σ for the \
+             Maxwell-slip plant, and PID alone has no crossover below its resonance. NIASA's integral σ̂/τ_d on that spring crosses over \
+             near σ̂/(2σ τ_d): {}.",
+            expected_in_words(measured)
+        ))
+        .figure(
+            &[57, 68],
+            both(|c| c.stiffness_n_per_m.is_none()),
+            format!("loop transmission with PID alone, {amplitudes}; {conditions}"),
+        )
+        .figure(
+            &[58, 59, 60, 61],
+            both(|c| c.rate_per_s.is_none_or(|rate| rate < 200.0)),
+            format!("with NIASA, 1/τ_d = {} 1/s, {amplitudes}; {conditions}", number(RATES_PER_S[0], 0)),
+        )
+        .figure(
+            &[],
+            both(|c| c.rate_per_s.is_none_or(|rate| rate > 200.0)),
+            format!("with NIASA, 1/τ_d = 2π·100 = {} 1/s, {amplitudes}; {conditions}", number(RATES_PER_S[1], 0)),
+        )
+        .table(&[], measured.section_8_2_table())
+        .table(&[], measured.stability_table())
+}
+
+fn conditions(measured: &LoopTransmission, tuning: &str) -> String {
+    let friction = &measured.plant.friction;
+    format!(
+        "{ORIGIN} · tuning {tuning} · plant {} kg, friction σ {} N/µm, F_C {} N, not redrawn",
+        measured.plant.mechanics.mass_kg,
+        number(friction.stiffness_n_per_m * 1e-6, 2),
+        number(friction.coulomb_n, 2)
+    )
+}
+
+/// Magnitude and phase; the first curves are drawn first.
+fn bode<'a>(curves: impl Iterator<Item = (String, &'a Curve)>) -> [Plot; 2] {
+    let hz = || Axis::log("frequency / Hz").range(3.0, 1000.0);
+    let mut magnitude =
+        Plot::new("Magnitude of the loop transmission", hz(), Axis::log("magnitude")).band(Band::y("", 1.0, 1.0));
+    let mut phase = Plot::new("Phase of the loop transmission", hz(), Axis::linear("phase / °").range(-360.0, 0.0))
+        .band(Band::y("", -180.0, -180.0));
+    for (i, (name, curve)) in curves.enumerate() {
+        let line =
+            |values: &[f64]| Series::new(&name, i).line(curve.frequency_hz.iter().copied().zip(values.iter().copied()));
+        magnitude = magnitude.series(line(&curve.magnitude));
+        phase = phase.series(line(&curve.phase_deg));
+    }
+    magnitude.height = 380.0;
+    phase.height = 380.0;
+    [magnitude, phase]
+}
+
+fn name(curve: &Curve) -> String {
+    match curve.stiffness_n_per_m {
+        Some(stiffness) => format!("σ̂ {} N/µm", number(stiffness * 1e-6, 1)),
+        None => "PID".to_owned(),
+    }
+}
+
+fn behaviour_checks(curves: &[Curve]) -> Vec<Check> {
+    let expected = |percent: f64| match percent {
+        p if p >= MASS_FROM_PERCENT => Some("mass"),
+        p if p <= SPRING_TO_PERCENT => Some("spring"),
+        _ => None,
+    };
+    let check = |c: &Curve| {
+        let says = format!("{} % like a {}", c.amplitude_percent, c.behaves_like);
+        expected(c.amplitude_percent).map(|like| Check::new(c.behaves_like == like, says))
+    };
+    curves.iter().filter_map(check).collect()
+}
+
+fn small(curves: &[Curve]) -> impl Iterator<Item = &Curve> {
+    curves.iter().filter(|c| c.amplitude_percent <= SPRING_TO_PERCENT)
+}
+
+fn resonance_verdict(measured: &LoopTransmission) -> Verdict {
+    let check =
+        |c: &Curve| Check::within(&format!("{} %:", c.amplitude_percent), c.resonance_hz, RESONANCE_HZ, 0, "Hz");
+    let checks: Vec<Check> = small(&measured.figure_15).map(check).collect();
+    let rigid_hz = |stiffness: f64| libm::sqrt(stiffness / measured.plant.mechanics.mass_kg) / std::f64::consts::TAU;
+    let sigma = measured.plant.friction.stiffness_n_per_m;
+    judge(&checks).because(format!(
+        "The mass on σ swings at {} Hz, on the small-signal stiffness 2σ at {} Hz; the sweep has a point every 13 %",
+        number(rigid_hz(sigma), 0),
+        number(rigid_hz(2.0 * sigma), 0)
+    ))
+}
+
+/// Curves of section 8.2 at an amplitude, PID first.
+fn at(measured: &LoopTransmission, percent: f64) -> Vec<&Curve> {
+    measured.section_8_2.iter().filter(|c| c.amplitude_percent == percent).collect()
+}
+
+/// First crossover below [`LARGE_HZ`] and a bit: further ones belong to the contact's resonance.
+fn first_crossover(curve: &Curve) -> Option<f64> {
+    curve.crossover_hz.first().copied().filter(|hz| *hz < 1.2 * LARGE_HZ)
+}
+
+fn first_crossovers(curves: &[&Curve]) -> String {
+    let shown = |c: &&Curve| first_crossover(c).map_or(MISSING.to_owned(), |hz| number(hz, 1));
+    format!("{} Hz", curves.iter().map(shown).collect::<Vec<_>>().join(", "))
+}
+
+fn large_checks(curves: &[&Curve]) -> Vec<Check> {
+    let Some((pid, others)) = curves.split_first() else { return Vec::new() };
+    let near = (LARGE_HZ * (1.0 - UNCHANGED), LARGE_HZ * (1.0 + UNCHANGED));
+    let mut checks = vec![Check::within("PID", first_crossover(pid), near, 1, "Hz")];
+    let moved = others.iter().map(|c| Some(100.0 * (first_crossover(c)? / first_crossover(pid)? - 1.0).abs()));
+    let most = moved.collect::<Option<Vec<f64>>>().map(|all| all.into_iter().fold(0.0, f64::max));
+    checks.push(Check::within("NIASA moves it by at most", most, (0.0, 100.0 * UNCHANGED), 2, "%"));
+    checks
+}
+
+/// The amplitude at which PID alone is nearest to the thesis' 15 Hz, the crossovers there in words, and the verdict.
+fn small_crossovers(measured: &LoopTransmission) -> (f64, String, Verdict) {
+    let off = |percent: &f64| {
+        let hz = at(measured, *percent).first().and_then(|pid| first_crossover(pid));
+        hz.map_or(f64::INFINITY, |hz| libm::log(hz / SMALL_HZ[0]).abs())
+    };
+    let smaller = &SECTION_8_2_PERCENT[1..];
+    let percent = smaller.iter().copied().min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(SECTION_8_2_PERCENT[1]);
+    let curves = at(measured, percent);
+    let of_rate =
+        |rate: f64| curves.iter().filter(move |c| c.rate_per_s.is_some_and(|r| (r / rate - 1.0).abs() < 0.01));
+    let mut checks = Vec::new();
+    let range = |hz: f64| (hz * (1.0 - ABOUT), hz * (1.0 + ABOUT));
+    if let Some(pid) = curves.first() {
+        checks.push(Check::within("PID", first_crossover(pid), range(SMALL_HZ[0]), 1, "Hz"));
+        let lifted = curves[1..].iter().all(|c| first_crossover(c) > first_crossover(pid));
+        checks.push(Check::new(
+            lifted,
+            format!("NIASA {} it in every case", if lifted { "lifts" } else { "does not lift" }),
+        ));
+    }
+    let mut words = vec![curves.first().map_or(String::new(), |pid| first_crossovers(&[pid]))];
+    for rate in RATES_PER_S {
+        for (curve, hz) in of_rate(rate).zip(&SMALL_HZ[1..]) {
+            let what = format!("{} at {} 1/s", name(curve), number(rate, 0));
+            checks.push(Check::within(&what, first_crossover(curve), range(*hz), 1, "Hz"));
+        }
+        let both: Vec<&Curve> = of_rate(rate).copied().collect();
+        words.push(format!("{} with 1/τ_d = {} 1/s", first_crossovers(&both), number(rate, 0)));
+    }
+    let reason = "The amplitude is not printed: it is the one at which PID alone comes nearest to 15 Hz. Of the rate, the text and its \
+                  numbers leave two readings open; both are shown, neither is claimed";
+    (percent, format!("at {percent} % of full current {}", words.join("; ")), judge(&checks).because(reason))
+}
+
+/// What the spring alone would give.
+fn expected_in_words(measured: &LoopTransmission) -> String {
+    let spring = 2.0 * measured.plant.friction.stiffness_n_per_m;
+    let of = |rate: f64| {
+        let of_rate = |c: &&Curve| c.rate_per_s.is_some_and(|r| (r / rate - 1.0).abs() < 0.01);
+        let smallest = at(measured, SECTION_8_2_PERCENT[SECTION_8_2_PERCENT.len() - 1]);
+        let pairs = smallest.into_iter().filter(of_rate).map(|c| {
+            let hz = c.stiffness_n_per_m.unwrap_or(0.0) / spring * rate / std::f64::consts::TAU;
+            format!("{} Hz (measured {})", number(hz, 1), first_crossovers(&[c]))
+        });
+        format!("with 1/τ_d = {} 1/s {}", number(rate, 0), pairs.collect::<Vec<_>>().join(" and "))
+    };
+    RATES_PER_S.map(of).join(", ")
+}
+
+fn stability_checks(cases: &[Stability]) -> Vec<Check> {
+    let limited = || cases.iter().filter(|case| case.rate_limited);
+    let unstable = limited().filter(|case| !case.stable).count();
+    let mut checks = vec![Check::new(
+        unstable == 0,
+        format!("with the rate limit {unstable} of {} cases are unstable", limited().count()),
+    )];
+    for (late, delay) in [(false, "the drive's delay"), (true, "a servo period more of it")] {
+        let without: Vec<&Stability> =
+            cases.iter().filter(|case| !case.rate_limited && case.a_tick_late == late).collect();
+        let unstable = without.iter().filter(|case| !case.stable).count();
+        let says = format!("without it and with {delay} {unstable} of {} are unstable", without.len());
+        checks.push(Check::new(unstable > 0, says));
+    }
+    checks
+}
+
+fn stability_in_words(cases: &[Stability]) -> String {
+    let unstable = cases.iter().filter(|case| !case.stable).map(|case| {
+        format!(
+            "σ̂ {} N/µm, 1/τ_d {} 1/s, {}",
+            number(case.stiffness_n_per_m * 1e-6, 0),
+            number(case.rate_per_s, 0),
+            if case.a_tick_late { "a servo period of delay more" } else { "the drive's delay" }
+        )
+    });
+    let unstable: Vec<String> = unstable.collect();
+    if unstable.is_empty() {
+        "stable in all cases".to_owned()
+    } else {
+        format!("unstable with {}", unstable.join("; "))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::thesis::verdict::Outcome;
+    use servo_sim::Stage;
+
+    fn curve(percent: f64, niasa: Option<(f64, f64)>, crossover_hz: &[f64], like: &'static str) -> Curve {
+        Curve {
+            name: String::new(),
+            stiffness_n_per_m: niasa.map(|n| n.0),
+            rate_per_s: niasa.map(|n| n.1),
+            amplitude_percent: percent,
+            amplitude_n: 1.0,
+            crossover_hz: crossover_hz.to_vec(),
+            phase_margin_deg: vec![50.0; crossover_hz.len()],
+            resonance_hz: (like == "spring").then_some(349.0),
+            low_gain_per_spring: 1.0,
+            behaves_like: like,
+            frequency_hz: vec![10.0, 100.0],
+            magnitude: vec![2.0, 0.5],
+            phase_deg: vec![-90.0, -135.0],
+        }
+    }
+
+    fn measured(small_hz: [f64; 5]) -> LoopTransmission {
+        let niasa = |i: usize| (i > 0).then(|| ([4e6, 8e6][(i - 1) % 2], RATES_PER_S[(i - 1) / 2]));
+        let section_8_2 = [10.0, 0.8].into_iter().flat_map(|percent| {
+            (0..5).map(move |i| curve(percent, niasa(i), &[if percent > 1.0 { 315.0 } else { small_hz[i] }], "mass"))
+        });
+        let stable = |rate_limited, stable| Stability {
+            rate_limited,
+            a_tick_late: false,
+            stiffness_n_per_m: 8e6,
+            rate_per_s: 100.0,
+            left_over_m_per_s: 0.0,
+            stable,
+        };
+        LoopTransmission {
+            experiment: "",
+            thesis_section: "",
+            origin: "",
+            seed: 1,
+            figure_15: vec![curve(1.25, None, &[100.0], "mass"), curve(0.625, None, &[], "spring")],
+            section_8_2: section_8_2.collect(),
+            stability: vec![stable(true, true), stable(false, false)],
+            plant: Stage::default(),
+        }
+    }
+
+    #[test]
+    fn a_mass_above_and_a_spring_below_are_what_figure_15_shows() {
+        let findings = by_amplitude(&measured([15.0; 5])).findings;
+        assert!(findings.iter().all(|f| f.verdict.outcome == Outcome::Reproduced), "{findings:?}");
+        let mut wrong = measured([15.0; 5]);
+        wrong.figure_15[1].behaves_like = "mass";
+        wrong.figure_15[1].resonance_hz = None;
+        let outcomes = by_amplitude(&wrong).findings.into_iter().map(|f| f.verdict.outcome);
+        assert_eq!(outcomes.collect::<Vec<_>>(), [Outcome::Partly, Outcome::NotReproduced]);
+    }
+
+    #[test]
+    fn crossovers_are_held_against_15_50_and_90_hz_for_both_rates() {
+        let verdict = |hz| small_crossovers(&measured(hz)).2;
+        assert_eq!(verdict([15.0, 50.0, 90.0, 50.0, 90.0]).outcome, Outcome::Reproduced);
+        let partly = verdict([15.0, 22.0, 28.0, 56.0, 94.0]);
+        assert_eq!(partly.outcome, Outcome::Partly);
+        assert_eq!(partly.fails.len(), 2, "{:?}", partly.fails);
+        assert_eq!(verdict([3.0, 2.0, 2.0, 2.0, 2.0]).outcome, Outcome::NotReproduced);
+    }
+
+    #[test]
+    fn unchanged_at_large_amplitude_means_within_two_per_cent() {
+        let at_large =
+            |hz: f64| judge(&large_checks(&[&curve(10.0, None, &[315.0], "mass"), &curve(10.0, None, &[hz], "mass")]));
+        assert_eq!(at_large(319.0).outcome, Outcome::Reproduced);
+        assert_eq!(at_large(330.0).outcome, Outcome::Partly);
+    }
+}

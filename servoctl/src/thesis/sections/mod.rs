@@ -1,0 +1,14 @@
+//! The sections of the page, a file each: plain data in, a [`Section`](super::section::Section) out.
+
+pub mod closed_loop;
+pub mod first_experiment;
+pub mod frequency;
+pub mod in_position;
+pub mod rate_limit;
+pub mod second_experiment;
+pub mod settling;
+pub mod small_steps;
+pub mod stage;
+pub mod theory_mass;
+pub mod theory_massless;
+pub mod traces;
