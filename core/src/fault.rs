@@ -115,8 +115,8 @@ faults! {
         "There is no valid set of stored parameters.", "Load a parameter set and save it.";
     24 WatchdogReset 0x6010 Off "50 ms (watchdog), told after the reset", "watchdog reset",
         "The watchdog restarted the processor.", "This is a defect of the firmware: report it with the black box.";
-    26 CurrentFrozen 0x5400 Off "encoder_frozen_ticks windows of 4 ticks: 40 ms", "current reading frozen",
-        "Both current readings stay the same to the last bit, without even noise.", "Check the current sensors and their supply.";
+    26 CurrentFrozen 0x5400 Off "encoder_frozen_ticks windows of 4 ticks: 40 ms", "current readings silent",
+        "The measured current stays the same to the last bit, without even noise: both sensors read zero.", "Check the current sensors and their supply.";
 }
 
 impl Fault {

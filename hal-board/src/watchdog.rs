@@ -55,11 +55,13 @@ pub fn report(bits: u32) {
 pub(crate) struct Watchdog {
     waited: u32,
     unfed: u32,
+    /// Until every task has checked in again.
+    hung: bool,
 }
 
 impl Watchdog {
     pub(crate) const fn new() -> Self {
-        Watchdog { waited: 0, unfed: FEED_EVERY }
+        Watchdog { waited: 0, unfed: FEED_EVERY, hung: false }
     }
 
     /// Starts the watchdog; it cannot be stopped.
@@ -81,16 +83,17 @@ impl Watchdog {
             // A check-in between the two is lost; the next one is not.
             CHECKED_IN.store(0, Ordering::Relaxed);
             self.waited = 0;
+            self.hung = false;
         } else {
             self.waited = self.waited.saturating_add(1);
         }
-        let hung = self.waited > if bridge_enabled { PATIENCE } else { PATIENCE_OFF };
+        self.hung |= self.waited > if bridge_enabled { PATIENCE } else { PATIENCE_OFF };
         self.unfed += 1;
-        if self.unfed >= FEED_EVERY && !hung {
+        if self.unfed >= FEED_EVERY && !self.hung {
             self.unfed = 0;
             feed();
         }
-        REPORTED.load(Ordering::Relaxed) | if hung { signals::TASK_HUNG } else { 0 }
+        REPORTED.load(Ordering::Relaxed) | if self.hung { signals::TASK_HUNG } else { 0 }
     }
 }
 

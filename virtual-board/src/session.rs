@@ -14,6 +14,8 @@ use crate::{Error, Link, VirtualBoard};
 
 /// How often a state is asked for while waiting for it.
 const POLL: Duration = Duration::from_millis(2);
+/// Twice the age that a status can have.
+const STATUS_AGE: Duration = Duration::from_millis(10);
 /// How long the drive may take to reach Operation enabled, or a move of these experiments to end.
 const PATIENCE: Duration = Duration::from_secs(5);
 
@@ -112,6 +114,8 @@ impl Session {
     /// A refusal, a fault on the way, and those of [`Session::ask`].
     pub fn move_to(&mut self, target_ct: i64, limits: Limits) -> Result<(), Error> {
         self.order(&Request::Move { target_ct, limits })?;
+        // The status is up to 5 ms old: before that it may say that nothing moves yet.
+        self.board.run_for(STATUS_AGE)?;
         self.wait_for("the end of the move", |status| !status.moving)?;
         Ok(())
     }

@@ -4,8 +4,11 @@ use anyhow::{Context, Result};
 
 use crate::fault_page;
 
-/// The pages: where they are, and what makes them.
-const PAGES: [(&str, fn() -> String); 1] = [("docs/faults.md", fault_page::faults)];
+/// Where a page is, and what makes it.
+type Page = (&'static str, fn() -> String);
+
+/// The pages.
+const PAGES: [Page; 1] = [("docs/faults.md", fault_page::faults)];
 
 /// Writes every page anew and says which ones have changed.
 ///
