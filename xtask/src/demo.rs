@@ -83,8 +83,17 @@ fn run_on(firmware: &Firmware, options: &Options) -> Result<()> {
     process::run(demo.args(options.arguments()), "the demonstration")
 }
 
+/// Tolerances that settling times are given for.
+const TOLERANCES: usize = 6;
+
 /// Largest rms error in position, with and without the compensator.
 const MOST_NOISE_NM: f64 = 1.0;
+
+/// Least reduction of the mean settling time, at every tolerance.
+const LEAST_REDUCTION_PERCENT: f64 = 70.0;
+
+/// Longest servo tick: a quarter of its period.
+const LONGEST_TICK_US: f64 = 31.25;
 
 /// What is wrong with the demonstration's results, one line each.
 fn complaints(results: &Value, elf_sha256: &str, moves: u32) -> Vec<String> {
@@ -102,12 +111,18 @@ fn complaints(results: &Value, elf_sha256: &str, moves: u32) -> Vec<String> {
     expect("/servo_tick/overruns", 0.into());
     expect("/configs/0/name", "pid".into());
     expect("/configs/1/name", "pid+niasa".into());
-    expect("/configs/1/unsettled/0", 0.into());
-    for field in ["/configs/0/in_position_rms_nm", "/configs/1/in_position_rms_nm"] {
+    expect("/configs/1/unsettled", [0; TOLERANCES].to_vec().into());
+    let mut number = |field: &str, words: &str, limit: f64, fits: fn(&f64, &f64) -> bool| {
         let found = results.pointer(field).unwrap_or(&Value::Null);
-        if !found.as_f64().is_some_and(|noise_nm| noise_nm <= MOST_NOISE_NM) {
-            wrong.push(format!("{field} is {found}, expected at most {MOST_NOISE_NM}"));
+        if !found.as_f64().is_some_and(|found| fits(&found, &limit)) {
+            wrong.push(format!("{field} is {found}, expected at {words} {limit}"));
         }
+    };
+    number("/configs/0/in_position_rms_nm", "most", MOST_NOISE_NM, f64::le);
+    number("/configs/1/in_position_rms_nm", "most", MOST_NOISE_NM, f64::le);
+    number("/servo_tick/max_us", "most", LONGEST_TICK_US, f64::le);
+    for tolerance in 0..TOLERANCES {
+        number(&format!("/reduction_percent/{tolerance}"), "least", LEAST_REDUCTION_PERCENT, f64::ge);
     }
     wrong
 }
@@ -119,12 +134,13 @@ mod tests {
 
     fn good() -> Value {
         json!({
-            "elf_sha256": "ab12", "moves": 2, "tolerances_nm": [3, 5],
+            "elf_sha256": "ab12", "moves": 2, "tolerances_nm": [3, 5, 10, 20, 50, 100],
             "configs": [
-                {"name": "pid", "unsettled": [2, 1], "in_position_rms_nm": 0.7},
-                {"name": "pid+niasa", "unsettled": [0, 0], "in_position_rms_nm": 1.0},
+                {"name": "pid", "unsettled": [2, 1, 0, 0, 0, 0], "in_position_rms_nm": 0.7},
+                {"name": "pid+niasa", "unsettled": [0, 0, 0, 0, 0, 0], "in_position_rms_nm": 1.0},
             ],
-            "servo_tick": {"rate_hz": 8000, "count": 9, "overruns": 0}, "told": [],
+            "reduction_percent": [80.0, 79.0, 78.0, 77.0, 76.0, 70.0],
+            "servo_tick": {"rate_hz": 8000, "count": 9, "overruns": 0, "max_us": 13.0}, "told": [],
         })
     }
 
@@ -139,7 +155,10 @@ mod tests {
             ("/elf_sha256", json!("cd34"), r#"/elf_sha256 is "cd34", expected "ab12""#),
             ("/moves", json!(1), "/moves is 1, expected 2"),
             ("/servo_tick/overruns", json!(3), "/servo_tick/overruns is 3, expected 0"),
-            ("/configs/1/unsettled/0", json!(1), "/configs/1/unsettled/0 is 1, expected 0"),
+            ("/configs/1/unsettled/5", json!(1), "/configs/1/unsettled is [0,0,0,0,0,1], expected [0,0,0,0,0,0]"),
+            ("/servo_tick/max_us", json!(31.3), "/servo_tick/max_us is 31.3, expected at most 31.25"),
+            ("/reduction_percent/5", json!(69.9), "/reduction_percent/5 is 69.9, expected at least 70"),
+            ("/reduction_percent/0", json!(null), "/reduction_percent/0 is null, expected at least 70"),
             ("/configs/1/in_position_rms_nm", json!(1.1), "/configs/1/in_position_rms_nm is 1.1, expected at most 1"),
             ("/configs/0/in_position_rms_nm", json!(null), "/configs/0/in_position_rms_nm is null, expected at most 1"),
             ("/configs", json!([]), r#"/configs/0/name is null, expected "pid""#),

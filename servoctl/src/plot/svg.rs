@@ -25,7 +25,7 @@ pub fn draw(plot: &Plot, style: &str) -> String {
     let left = (28.0 + longest as f64 * GLYPH).max(LEFT_LEAST);
     let x_ticks = ticks(&plot.x.scale, low_x, high_x, 6);
     let last_x = x_ticks.iter().rev().find_map(|t| t.label.as_ref()).map_or(0, |l| l.chars().count());
-    let right = WIDTH - (last_x as f64 * GLYPH / 2.0).clamp(8.0, 40.0);
+    let right = WIDTH - (3.0 + last_x as f64 * GLYPH / 2.0).clamp(8.0, 40.0);
     let frame = Rect { left, top, right, bottom: (plot.height - BOTTOM).max(top + 40.0) };
     let x = Mapping::new(&plot.x.scale, (low_x, high_x), (frame.left, frame.right));
     let y = Mapping::new(&plot.y.scale, (low_y, high_y), (frame.bottom, frame.top));
@@ -41,6 +41,10 @@ pub fn draw(plot: &Plot, style: &str) -> String {
             escape(&plot.description)
         ),
     );
+    if !style.is_empty() {
+        // A file of its own stands on a page of any colour.
+        out.push_str(&rect("paper", 0.0, 0.0, WIDTH, plot.height));
+    }
     for band in &plot.bands {
         draw_band(&mut out, band, frame, &x, &y);
     }

@@ -5,6 +5,7 @@ use std::path::Path;
 use anyhow::{Context, Result};
 
 use super::sections::settling::settling_plot;
+use super::sections::theory_mass::Comparison;
 use super::sections::traces::{Traces, error_plot};
 use crate::plot::Plot;
 use crate::reproduce::outcome::Run;
@@ -19,6 +20,12 @@ pub struct Picture {
 }
 
 impl Picture {
+    /// Figure 51: a friction observer with a model ten per cent too stiff, and NIASA.
+    pub fn of_theory(comparisons: &[Comparison]) -> Option<Picture> {
+        let comparison = comparisons.iter().find(|c| c.delta == -0.1)?;
+        Some(Picture { file: "stiffer-model.svg", plot: comparison.plot.clone() })
+    }
+
     /// Mean settling time per tolerance; the last 100 nm of some moves with PID and with NIASA.
     pub fn of_first_experiment(run: &Run, traces: &[Traces]) -> Vec<Picture> {
         let mut pictures = vec![Picture { file: "settling-time.svg", plot: settling_plot(run) }];

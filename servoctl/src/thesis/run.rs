@@ -11,14 +11,15 @@ use servo_sim::Stage;
 use super::pictures::Picture;
 use super::section::Section;
 use super::sections::{
-    closed_loop, first_experiment, frequency, in_position, rate_limit, second_experiment, small_steps, stage,
-    theory_mass, theory_massless,
+    closed_loop, compensators, first_experiment, frequency, in_position, length_scale, models, rate_limit,
+    second_experiment, sensitivity, small_steps, stage, theory_mass, theory_massless,
     traces::{self, Traces},
 };
 use crate::reproduce::campaign::{Shard, Watch};
 use crate::reproduce::experiments::{Experiment, MASS_ERRORS_PERCENT, Plan, Request as Moves};
 use crate::reproduce::loop_transmission::{self, LoopTransmission};
 use crate::reproduce::outcome::{Outcome, Run};
+use crate::reproduce::{compensators as tuning, models as fits, step_100um};
 
 /// How much is computed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -142,7 +143,16 @@ struct Work<'a> {
 /// A stage or moves that the drive refuses.
 pub fn run(request: Request, observer: &dyn Observer) -> Result<Computed> {
     let mut work = Work { computed: Computed { request, ..Computed::default() }, observer };
+    work.part("2 friction models", |w| {
+        let found = fits::run();
+        w.keep("models", &found)?;
+        Ok(Some(models::section(&found)))
+    })?;
     work.part("3.2 stage and profiles", |w| Ok(Some(stage::section(&w.computed.request.stage))))?;
+    work.part("4 compensators", |w| {
+        let Some((_, outcome)) = w.settling(Experiment::Compensators)? else { return Ok(None) };
+        Ok(outcome.all().next().map(|run| compensators::section(&outcome, run)))
+    })?;
     let (mut with_niasa, mut second_order) = (None, None);
     work.part("5.1 loop transmission", |w| {
         let Some(measured) = w.loop_transmission()? else { return Ok(None) };
@@ -151,12 +161,21 @@ pub fn run(request: Request, observer: &dyn Observer) -> Result<Computed> {
         Ok(Some(frequency::by_amplitude(&measured)))
     })?;
     work.part("5.2 closed loop", |_| Ok(second_order))?;
+    work.part("5.3 length scale", Work::length_scale)?;
     work.part("7.4, 7.5 theory without inertia", |w| {
         Ok(Some(theory_massless::section(&theory_massless::compute()?, &w.computed.request.stage)))
     })?;
-    work.part("7.6 theory with mass", |_| Ok(Some(theory_mass::section(&theory_mass::compute()?))))?;
+    work.part("7.6 theory with mass", |w| {
+        let comparisons = theory_mass::compute()?;
+        w.computed.pictures.extend(Picture::of_theory(&comparisons));
+        Ok(Some(theory_mass::section(&comparisons)))
+    })?;
     work.part("8.1 rate limit", |_| Ok(Some(rate_limit::section(&Settings::default()))))?;
     work.part("8.2 loop transmission with NIASA", |_| Ok(with_niasa))?;
+    work.part("8.1, 11 sensitivity", |w| {
+        let Some((_, outcome)) = w.settling(Experiment::Sensitivity)? else { return Ok(None) };
+        Ok(Some(sensitivity::section(&outcome.all().collect::<Vec<_>>())))
+    })?;
     work.part("9.1 first experiment", |w| {
         let Some((plan, outcome)) = w.settling(Experiment::Exp1)? else { return Ok(None) };
         let runs: Vec<&Run> = outcome.all().collect();
@@ -218,7 +237,11 @@ impl Work<'_> {
             mass_errors_percent: mass_errors,
             stage: request.stage,
         };
-        let plan = moves.plan()?;
+        let tuned = if experiment == Experiment::Compensators { tuning::candidates() } else { 0 };
+        let tried = (tuned > 0).then(|| self.observer.begin("compensators: tuning", tuned, "candidates"));
+        let finished = |pieces| tried.as_ref().map_or((), |tried| tried(pieces));
+        let plan = moves.plan_watched(Watch { stop: self.observer.stop(), finished: &finished })?;
+        drop(tried);
         let finished = self.observer.begin(experiment.name(), plan.campaign.moves_of(Shard::ALL), "moves");
         let passes = plan.campaign.run(Shard::ALL, Watch { stop: self.observer.stop(), finished: &finished })?;
         drop(finished);
@@ -249,6 +272,23 @@ impl Work<'_> {
             self.keep("loop-transmission", measured)?;
         }
         Ok(measured)
+    }
+
+    /// The 100 µm steps; `None` if they were ended.
+    fn length_scale(&mut self) -> Result<Option<Section>> {
+        let request = &self.computed.request;
+        let steps = match request.size {
+            Size::Quick => step_100um::MOVES.min(20),
+            Size::Full => step_100um::MOVES,
+            Size::Moves(moves) => moves,
+        };
+        let finished = self.observer.begin("step-100um", steps, "steps");
+        let watch = Watch { stop: self.observer.stop(), finished: &finished };
+        let found = step_100um::run(&request.stage, steps, request.seed, watch)?;
+        drop(finished);
+        let Some(found) = found else { return Ok(None) };
+        self.keep("step-100um", &found)?;
+        Ok(Some(length_scale::section(&found)))
     }
 
     /// Traces of PID and of the thesis' NIASA in some comparisons of a plan, in pairs.

@@ -6,24 +6,9 @@ use std::sync::atomic::AtomicBool;
 /// Everything, with one move per configuration.
 static TINY: LazyLock<Computed> = LazyLock::new(|| run(Request::new(Size::Moves(1), 1), &Nobody).unwrap());
 
-/// Targets, figures and tables whose sections do not exist yet.
-const AWAITED: [Target; 13] = [
-    Target::Models,
-    Target::Feedforward,
-    Target::Observer,
-    Target::ScheduledPd,
-    Target::Extrema,
-    Target::LengthScale,
-    Target::WorstFit,
-    Target::Stiffness,
-    Target::Coulomb,
-    Target::ProfileAgainstSettling,
-    Target::GmsSlope,
-    Target::HalfWrong,
-    Target::GmsSum,
-];
-const AWAITED_FIGURES: [&str; 5] =
-    ["Figures 1 and 2", "Figures 4 to 10", "Figures 17 to 33", "Figure 83", "Tables 1 and 2"];
+/// Targets, figures and tables whose section does not exist yet: identification.
+const AWAITED: [Target; 4] = [Target::WorstFit, Target::Stiffness, Target::Coulomb, Target::ProfileAgainstSettling];
+const AWAITED_FIGURES: [&str; 2] = ["Figures 19 to 33", "Tables 1 and 2"];
 
 /// Ended before it began.
 fn ended() -> Computed {
@@ -77,7 +62,7 @@ fn every_target_is_there_with_both_numbers() {
 fn every_figure_and_table_of_the_thesis_is_there_or_is_a_drawing() {
     let lost = index(&TINY.sections).into_iter().filter(|entry| entry.place == Err("not computed in this run".into()));
     let lost: Vec<String> = lost.map(|entry| entry.name).collect();
-    assert_eq!(lost, [AWAITED_FIGURES.as_slice(), &["Table 4"]].concat());
+    assert_eq!(lost, AWAITED_FIGURES);
 }
 
 #[test]

@@ -104,13 +104,16 @@ fn bode<'a>(curves: impl Iterator<Item = (String, &'a Curve)>) -> [Plot; 2] {
     let hz = || Axis::log("frequency / Hz").range(3.0, 1000.0);
     let mut magnitude =
         Plot::new("Magnitude of the loop transmission", hz(), Axis::log("magnitude")).band(Band::y("", 1.0, 1.0));
-    let mut phase = Plot::new("Phase of the loop transmission", hz(), Axis::linear("phase / °").range(-360.0, 0.0))
+    let mut phase = Plot::new("Phase of the loop transmission", hz(), Axis::linear("phase / °").range(-270.0, 90.0))
         .band(Band::y("", -180.0, -180.0));
     for (i, (name, curve)) in curves.enumerate() {
         let line =
             |values: &[f64]| Series::new(&name, i).line(curve.frequency_hz.iter().copied().zip(values.iter().copied()));
         magnitude = magnitude.series(line(&curve.magnitude));
-        phase = phase.series(line(&curve.phase_deg));
+        // A loop lags, but with a spring and a lead it may be ahead: the cut is where none of them is.
+        let unwrapped: Vec<f64> =
+            curve.phase_deg.iter().map(|deg| if *deg < -270.0 { deg + 360.0 } else { *deg }).collect();
+        phase = phase.series(line(&unwrapped));
     }
     magnitude.height = 380.0;
     phase.height = 380.0;

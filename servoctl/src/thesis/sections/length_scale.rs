@@ -1,0 +1,162 @@
+//! The 100 µm step and the length scale of pre-rolling (5.3, figs 1, 2, 17, 18).
+
+use crate::plot::{Axis, Plot, Series};
+use crate::reproduce::outcome::ORIGIN;
+use crate::reproduce::step_100um::{Finding, Step100Um, Swing};
+use crate::table::{MISSING, number};
+use crate::thesis::section::Section;
+use crate::thesis::targets::Target;
+use crate::thesis::verdict::{Check, Verdict, judge};
+
+/// Times between extremes in the thesis (ms): linear, first slow leg, the one after.
+const LEGS_MS: [f64; 3] = [8.0, 23.0, 67.0];
+/// How far "about every 8 ms" may be off (ms).
+const ABOUT_MS: f64 = 1.0;
+/// Length scale and end of linearity in the thesis (nm).
+const SCALE_NM: f64 = 600.0;
+/// See [`SCALE_NM`].
+const LINEAR_NM: f64 = 3810.0;
+/// Distances and slow legs depend on the friction of one move: they may differ by this factor.
+const FACTOR: f64 = 2.0;
+
+/// The section.
+pub fn section(step: &Step100Um) -> Section {
+    let found = step.finding.as_ref();
+    let shown = |value: Option<f64>, decimals| value.map_or(MISSING.to_owned(), |v| number(v, decimals));
+    let legs = format!(
+        "{} ms; {} ms from ±{} nm{}; then {}",
+        number(step.linear_leg_ms, 1),
+        shown(found.map(|f| f.slow_leg_ms), 1),
+        shown(found.map(|f| f.length_scale_nm), 0),
+        if found.is_some_and(|f| f.creeps) { ", to the target" } else { "" },
+        found.and_then(|f| f.next_leg_ms).map_or("no further extreme".to_owned(), |ms| format!("{} ms", number(ms, 1))),
+    );
+    let scale = format!(
+        "{} nm; linear down to {} µm; {}",
+        shown(found.map(|f| f.length_scale_nm), 0),
+        shown(found.and_then(|f| f.linear_down_to_nm).map(|nm| nm * 1e-3), 2),
+        spread(step)
+    );
+    let friction = &step.plant.friction;
+    let caption = format!(
+        "{ORIGIN} · step 100 µm · tuning PID 100 Hz / 45°, no feedforward · plant {} kg, friction σ {} N/µm, F_C {} N · 1 move",
+        step.plant.mechanics.mass_kg,
+        number(friction.stiffness_n_per_m * 1e-6, 2),
+        number(friction.coulomb_n, 2)
+    );
+    Section::new("5.3 The length scale of pre-rolling")
+        .judged(Target::Extrema, legs, legs_verdict(step))
+        .finding(Target::LengthScale, scale, &scale_checks(found))
+        .figure(
+            &[1, 2, 17, 18],
+            [swings(step, 100.0, (-100e3, 100e3), 1e-3), swings(step, 200.0, (-1000.0, 1000.0), 1.0)],
+            format!(
+                "a 100 µm step and the same drive and mass without friction, which stands for the linear approximation; the last \
+                 micrometre (right); {caption}"
+            ),
+        )
+        .table(&[], step.extremes_table())
+        .table(&[], step.finding_table())
+}
+
+fn factor_of(nm: f64) -> (f64, f64) {
+    (nm / FACTOR, nm * FACTOR)
+}
+
+fn legs_verdict(step: &Step100Um) -> Verdict {
+    let found = step.finding.as_ref();
+    let linear = (LEGS_MS[0] - ABOUT_MS, LEGS_MS[0] + ABOUT_MS);
+    judge(&[
+        Check::within("linear leg", Some(step.linear_leg_ms), linear, 1, "ms"),
+        Check::within("first slow leg", found.map(|f| f.slow_leg_ms), factor_of(LEGS_MS[1]), 1, "ms"),
+        Check::within("leg after it", found.and_then(|f| f.next_leg_ms), factor_of(LEGS_MS[2]), 1, "ms"),
+    ])
+    .because(match found.filter(|f| f.creeps) {
+        None => String::new(),
+        Some(f) => format!(
+            "Nearer than F_C/k_P = {} nm the proportional force alone cannot overcome friction: from {} nm on the stage creeps to the \
+             target and turns no more",
+            number(step.stuck_within_nm, 0),
+            number(f.length_scale_nm, 0)
+        ),
+    })
+}
+
+fn scale_checks(found: Option<&Finding>) -> [Check; 2] {
+    [
+        Check::within("length scale", found.map(|f| f.length_scale_nm), factor_of(SCALE_NM), 0, "nm"),
+        Check::within("linear down to", found.and_then(|f| f.linear_down_to_nm), factor_of(LINEAR_NM), 0, "nm"),
+    ]
+}
+
+/// Length scales of steps with friction drawn for each, in words.
+fn spread(step: &Step100Um) -> String {
+    let mut scales: Vec<f64> = step.redrawn.iter().flatten().map(|f| f.length_scale_nm).collect();
+    scales.sort_by(f64::total_cmp);
+    match scales.as_slice() {
+        [] => "none in steps with friction drawn for each".to_owned(),
+        [first, ..] => format!(
+            "{} to {} nm in {} steps with friction drawn for each",
+            number(*first, 0),
+            number(scales[scales.len() - 1], 0),
+            step.redrawn.len()
+        ),
+    }
+}
+
+/// Error of both swings over time.
+fn swings(step: &Step100Um, end_ms: f64, (low, high): (f64, f64), per_nm: f64) -> Plot {
+    let unit = if per_nm < 1.0 { "µm" } else { "nm" };
+    let x = Axis::linear("time / ms").range(0.0, end_ms);
+    let y = Axis::linear(format!("position − target / {unit}")).range(low * per_nm, high * per_nm);
+    let line = |swing: &Swing| {
+        swing.time_ms.iter().copied().zip(swing.error_nm.iter().map(|nm| nm * per_nm)).collect::<Vec<_>>()
+    };
+    Plot::new("A 100 µm step", x, y)
+        .series(Series::new("without friction", 5).line(line(&step.linear)))
+        .series(Series::new("stage", 0).line(line(&step.stage)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::thesis::verdict::Outcome;
+    use servo_sim::Stage;
+
+    fn step(finding: Option<Finding>) -> Step100Um {
+        let swing =
+            Swing { time_ms: vec![], error_nm: vec![], extreme_ms: vec![], extreme_nm: vec![], settled_ms: None };
+        Step100Um {
+            experiment: "",
+            thesis_section: "",
+            origin: "",
+            seed: 1,
+            stage: swing.clone(),
+            linear: swing,
+            linear_leg_ms: 8.1,
+            stuck_within_nm: 1474.0,
+            finding,
+            linear_finding: None,
+            redrawn: vec![],
+            plant: Stage::default(),
+        }
+    }
+
+    #[test]
+    fn the_thesis_own_numbers_are_reproduced_and_a_creeping_stage_is_in_part() {
+        let thesis = Finding {
+            linear_down_to_nm: Some(3810.0),
+            length_scale_nm: 637.0,
+            slow_leg_ms: 23.0,
+            creeps: false,
+            next_leg_ms: Some(67.0),
+        };
+        let outcomes =
+            |step: &Step100Um| section(step).findings.into_iter().map(|f| f.verdict.outcome).collect::<Vec<_>>();
+        assert_eq!(outcomes(&step(Some(thesis.clone()))), [Outcome::Reproduced; 2]);
+        let creeping = step(Some(Finding { creeps: true, next_leg_ms: None, ..thesis }));
+        assert_eq!(outcomes(&creeping), [Outcome::Partly, Outcome::Reproduced]);
+        assert!(legs_verdict(&creeping).why().contains("creeps to the target"));
+        assert_eq!(outcomes(&step(None)), [Outcome::Partly, Outcome::NotReproduced]);
+    }
+}
