@@ -21,7 +21,7 @@ const INTERRUPTS: [&str; 3] = ["TIM1_UP", "ADC", "SPI1"];
 const HOT: [&str; 2] = ["Control8on_servo", "Control9on_period"];
 
 /// Modules of the control core that only tasks call, and log formatting.
-const COLD: [&str; 5] = ["config", "parameters", "refusal", "fault", "Format"];
+const COLD: [&str; 7] = ["config", "parameters", "refusal", "fault", "5image", "5store", "Format"];
 /// Where hot code may jump to outside of ITCM: nowhere while all is well.
 const MAY_LEAVE: [&str; 2] = ["panic", "defmt"];
 

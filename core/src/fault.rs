@@ -80,6 +80,9 @@ faults! {
         "The position error exceeded its limit.", "Check for an obstacle, gains and limits.";
     8 TickOverrun 0xff01 Off "1 tick", "tick overrun",
         "A servo tick took longer than its limit.", "This is a defect of the firmware: report it.";
+    23 ParametersInvalid 0x6310 Off "at start", "parameters invalid",
+        "No valid parameters are stored; the drive runs on defaults and will not be enabled.",
+        "Set what differs from the defaults, save, and reset the fault.";
     5 OverTemperature 0x4310 MayBrake "16 ticks and 4", "over-temperature",
         "The power stage is hotter than its limit.", "Let it cool; check heat sink and load.";
     9 EncoderChecksum 0x7300 Off "3 frames", "encoder checksum",
@@ -111,8 +114,6 @@ faults! {
         "The stack has come within 2 KiB of its end.", "This is a defect of the firmware: report it.";
     22 Panic 0x6100 Off "0, told after the reset", "panic",
         "The firmware ended in a panic or a processor fault and started again.", "Report the message in the log with the black box.";
-    23 ParametersInvalid 0x6310 Off "at start", "parameters invalid",
-        "There is no valid set of stored parameters.", "Load a parameter set and save it.";
     24 WatchdogReset 0x6010 Off "50 ms (watchdog), told after the reset", "watchdog reset",
         "The watchdog restarted the processor.", "This is a defect of the firmware: report it with the black box.";
     26 CurrentFrozen 0x5400 Off "encoder_frozen_ticks windows of 4 ticks: 40 ms", "current readings silent",
@@ -149,6 +150,7 @@ mod tests {
             (6, 0x7300),
             (7, 0x8611),
             (8, 0xff01),
+            (23, 0x6310),
             (5, 0x4310),
             (9, 0x7300),
             (10, 0x7300),
@@ -163,7 +165,6 @@ mod tests {
             (20, 0x6010),
             (21, 0xff02),
             (22, 0x6100),
-            (23, 0x6310),
             (24, 0x6010),
             (26, 0x5400),
         ];

@@ -28,6 +28,7 @@ pub mod drive;
 pub mod encoder;
 pub mod fault;
 pub mod friction;
+pub mod image;
 pub mod math;
 pub mod monitor;
 pub mod parameters;
@@ -37,6 +38,7 @@ pub mod record;
 pub mod refusal;
 pub mod settling;
 pub mod state;
+pub mod store;
 
 /// PWM and current-loop frequency, Hz.
 pub const PWM_HZ: u32 = 40_000;

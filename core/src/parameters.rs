@@ -76,6 +76,9 @@ macro_rules! parameters {
             }
         }
 
+        /// Number of parameters.
+        pub const COUNT: usize = [$($id),+].len();
+
         /// Every parameter, by ascending id.
         pub static TABLE: &[Parameter] = &[$(Parameter {
             id: $id, name: stringify!($name), unit: $unit, min: $min, max: $max, default: $default, access: Access::$access, doc: $doc,

@@ -83,6 +83,10 @@ pub enum Refusal {
     Busy,
     /// A fault was acknowledged while its cause is still there.
     FaultPersists(Fault),
+    /// Parameters are being stored.
+    Saving,
+    /// No valid parameters are stored.
+    NothingStored,
     /// The drive is halted by the controlword.
     Halted,
 }
@@ -107,6 +111,8 @@ impl core::fmt::Display for Refusal {
             Refusal::Moving => f.write_str("a motion is running: stop it or wait for its end"),
             Refusal::NoPosition => f.write_str("the encoder gives no valid position"),
             Refusal::FaultPersists(fault) => write!(f, "the cause is still there: {}", fault.explanation()),
+            Refusal::Saving => f.write_str("parameters are being saved: wait for its end"),
+            Refusal::NothingStored => f.write_str("there are no valid stored parameters: save some first"),
             Refusal::Halted => f.write_str("halted: clear the halt bit of the controlword first"),
             Refusal::Busy => f.write_str("the drive has not yet taken the last command: send this one again"),
         }

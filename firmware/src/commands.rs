@@ -16,10 +16,11 @@ use servo_core::position::Position;
 use servo_core::record::flags;
 use servo_core::refusal::Refusal;
 use servo_protocol::frame::{Collector, MAX_FRAME, encode};
-use servo_protocol::message::{BLOCK_WORDS, Identity, Reply, Request, Status};
+use servo_protocol::message::{BLOCK_WORDS, Identity, PARAMETERS_PER_REPLY, Reply, Request, Status};
 
 use crate::clients;
 use crate::drive::{Commander, Latest};
+use crate::storage::Storage;
 
 /// While the line is silent, the task checks in with the watchdog this often.
 const CHECK_IN: Duration = Duration::from_millis(20);
@@ -34,6 +35,8 @@ pub struct Commands {
     pub commander: Commander,
     /// Way out of them.
     pub latest: &'static Latest,
+    /// What is in the flash.
+    pub storage: &'static Storage,
 }
 
 /// Serves the link for ever.
@@ -77,6 +80,7 @@ impl Commands {
     }
 
     async fn handle(&mut self, request: Request) -> Reply {
+        self.tell_of_save().await;
         let outcome = match request {
             Request::Identity => return Reply::Identity(self.identity),
             Request::Status => return Reply::Status(self.status()),
@@ -86,6 +90,14 @@ impl Commands {
                 Some(parameter) => return Reply::Parameter { id, value: parameter.get(&self.settings) },
                 None => Err(Refusal::UnknownParameter(id)),
             },
+            Request::ReadParameters { first } => return Reply::Parameters(self.parameters(first)),
+            Request::ParameterStore => return Reply::ParameterStore(self.storage.status(&self.settings)),
+            Request::SaveParameters => self.save().await,
+            Request::LoadParameters => match self.storage.stored() {
+                Some(settings) => self.configure(settings).await,
+                None => Err(Refusal::NothingStored),
+            },
+            Request::ResetParameters => self.configure(Settings::default()).await,
             Request::Enable => self.commander.execute(Command::Enable).await,
             Request::Disable => self.commander.execute(Command::Disable).await,
             Request::ResetFault => self.commander.execute(Command::ResetFault).await,
@@ -133,6 +145,32 @@ impl Commands {
         };
         let end = samples.saturating_mul(WORDS_PER_SAMPLE).min(first.saturating_add(BLOCK_WORDS as u32));
         (first..end).map_while(|index| servo_board::capture::load(index as usize)).collect()
+    }
+
+    /// Values from id `first` on, as many as fit a reply.
+    fn parameters(&self, first: u16) -> Vec<(u16, f64), PARAMETERS_PER_REPLY> {
+        let rows = TABLE.iter().filter(|row| row.id >= first).take(PARAMETERS_PER_REPLY);
+        rows.map(|row| (row.id, row.get(&self.settings))).collect()
+    }
+
+    /// Begins a save, if the drive agrees: no torque, and none until the drive has been told of the end.
+    async fn save(&mut self) -> Outcome {
+        if self.storage.is_saving() {
+            return Err(Refusal::Saving);
+        }
+        self.commander.execute(Command::BeginSave).await?;
+        self.storage.save(self.settings);
+        Ok(())
+    }
+
+    /// Tells the drive how a save has ended: with the next request, because nobody but a request can ask for torque.
+    async fn tell_of_save(&mut self) {
+        if self.storage.has_news() {
+            let stored = self.storage.stored().is_some();
+            if self.commander.execute(Command::EndSave { stored }).await.is_ok() {
+                self.storage.told();
+            }
+        }
     }
 
     async fn choose(&mut self, compensator: Compensator) -> Outcome {

@@ -16,7 +16,6 @@ use heapless::spsc::{Consumer, Producer, Queue};
 use servo_board::Control;
 use servo_core::axis::{Axis, ServoSample};
 use servo_core::capture;
-use servo_core::config::Config;
 use servo_core::current::{Bridge, PhaseCodes};
 use servo_core::drive::{Command, Counters, Outcome};
 use servo_core::record::TickRecord;
@@ -157,8 +156,8 @@ pub struct Latest {
     pub garbled_frames: Cell<u32>,
 }
 
-/// Makes the drive and splits it. To be called once.
-pub fn split(config: Config) -> (&'static mut InInterrupts, Commander, Reports) {
+/// Splits the drive. To be called once.
+pub fn split(axis: Axis) -> (&'static mut InInterrupts, Commander, Reports) {
     static ORDERS: ConstStaticCell<Queue<Order, 4>> = ConstStaticCell::new(Queue::new());
     static OUTCOMES: ConstStaticCell<Queue<Outcome, 4>> = ConstStaticCell::new(Queue::new());
     static RECORDS_QUEUE: ConstStaticCell<Queue<TickRecord, RECORDS>> = ConstStaticCell::new(Queue::new());
@@ -169,7 +168,7 @@ pub fn split(config: Config) -> (&'static mut InInterrupts, Commander, Reports) 
     let (records_in, records_out) = RECORDS_QUEUE.take().split();
     let (snapshots_in, snapshots_out) = SNAPSHOTS.take().split();
     let in_interrupts = IN_INTERRUPTS.init(InInterrupts {
-        axis: Axis::new(config),
+        axis,
         orders: orders_out,
         outcomes: outcomes_in,
         records: records_in,

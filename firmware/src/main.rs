@@ -5,13 +5,14 @@
 mod commands;
 mod drive;
 mod housekeeping;
+mod storage;
 mod telemetry;
 
 use defmt::{error, info, warn};
 use defmt_rtt as _;
 use embassy_executor::{SpawnError, SpawnToken, Spawner};
+use servo_core::axis::Axis;
 use servo_core::config::Config;
-use servo_core::parameters::Settings;
 use servo_protocol::message::{Identity, PROTOCOL};
 use static_cell::StaticCell;
 
@@ -45,12 +46,15 @@ async fn main(spawner: Spawner) {
     if let Some(message) = board.last_words {
         warn!("the previous run ended with: {=str}", message);
     }
-    let settings = Settings::default();
+    let mut flash = board.flash;
+    let (store, storage) = storage::open(&mut flash);
+    let settings = storage.settings();
     let config = match Config::new(&settings) {
         Ok(config) => config,
         Err(refusal) => return error!("not started: {}", refusal),
     };
-    let (in_interrupts, commander, reports) = drive::split(config);
+    let (in_interrupts, commander, reports) =
+        drive::split(if storage.is_commissioned() { Axis::new(config) } else { Axis::uncommissioned(config) });
     static LATEST: StaticCell<Latest> = StaticCell::new();
     let latest: &'static Latest = LATEST.init(Latest::default());
 
@@ -64,9 +68,10 @@ async fn main(spawner: Spawner) {
         serial: board.serial,
     };
     match board.link {
-        Ok(link) => spawn(&spawner, commands::run(link, Commands { identity, settings, commander, latest })),
+        Ok(link) => spawn(&spawner, commands::run(link, Commands { identity, settings, commander, latest, storage })),
         Err(error) => error!("no serial link: {}", error),
     }
+    spawn(&spawner, storage::run(flash, store, storage));
     spawn(&spawner, telemetry::run(reports, latest));
     spawn(&spawner, housekeeping::run(latest));
 }

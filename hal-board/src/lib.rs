@@ -20,6 +20,7 @@ mod clocks;
 pub mod control;
 mod critical;
 mod encoder;
+mod flash;
 pub mod last_words;
 mod link;
 mod memory;
@@ -30,8 +31,9 @@ mod reset;
 pub mod watchdog;
 
 pub use control::{Control, PowerStage, StartFault};
+pub use flash::{FlashFault, ParameterFlash};
 pub use link::Link;
-pub use memory::{PARAMETER_SECTOR_BYTES, PARAMETER_SECTORS, stack_free_bytes};
+pub use memory::stack_free_bytes;
 pub use reset::ResetCause;
 
 use servo_core::monitor::signals;
@@ -44,6 +46,8 @@ pub struct Board {
     pub link: Result<Link, embassy_stm32::usart::ConfigError>,
     /// Bridge, current converters and encoder: configured, stopped, outputs off.
     pub power_stage: PowerStage,
+    /// The two sectors that keep parameters.
+    pub flash: ParameterFlash,
     /// Core clock, Hz.
     pub core_hz: u32,
     /// Serial number of the chip.
@@ -82,5 +86,6 @@ pub fn init() -> Board {
         (None, ResetCause::Watchdog) => signals::WATCHDOG_RESET,
         (None, _) => 0,
     };
-    Board { link, power_stage: PowerStage::new(ended_by), core_hz, serial, reset_cause, last_words }
+    let (power_stage, flash) = (PowerStage::new(ended_by), ParameterFlash::new());
+    Board { link, power_stage, flash, core_hz, serial, reset_cause, last_words }
 }

@@ -3,24 +3,27 @@
 use core::arch::global_asm;
 
 /// Erase unit of the flash, bytes.
-pub const PARAMETER_SECTOR_BYTES: u32 = 128 * 1024;
+pub(crate) const PARAMETER_SECTOR_BYTES: u32 = 128 * 1024;
 /// Offsets from the start of flash of the two sectors that hold the parameter images: the end of bank 2, so that writing
 /// them does not stall code, which runs from bank 1.
-pub const PARAMETER_SECTORS: [u32; 2] = [0x1C_0000, 0x1E_0000];
+pub(crate) const PARAMETER_SECTORS: [u32; 2] = [0x1C_0000, 0x1E_0000];
 
 /// What may be done with a region of memory.
 #[derive(Clone, Copy)]
 enum Access {
     ReadAndExecute,
     ReadAndWrite,
+    /// Every access happens as it is written and nothing is read ahead: a torn word answers with a bus error.
+    Device,
     None,
 }
 
-/// Regions of the memory protection unit: start, log₂ of the size in bytes, access. A later one has priority. Elsewhere, flash
-/// bank 2 with the parameters among it, the default map stays.
-const REGIONS: [(u32, u32, Access); 5] = [
+/// Regions of the memory protection unit: start, log₂ of the size in bytes, access. A later one has priority. Elsewhere
+/// the default map stays.
+const REGIONS: [(u32, u32, Access); 6] = [
     (0x0000_0000, 16, Access::ReadAndExecute), // ITCM: hot code
     (0x0800_0000, 20, Access::ReadAndExecute), // flash bank 1: program
+    (0x0810_0000, 20, Access::Device),         // flash bank 2: parameters
     (0x2000_0000, 17, Access::ReadAndWrite),   // DTCM: stack and data
     (0x2400_0000, 19, Access::ReadAndWrite),   // AXI SRAM: captures
     (0x2000_0000, 9, Access::None),            // guard below the stack: an overflow is a fault at once
@@ -34,19 +37,22 @@ pub(crate) fn protect() {
     const READ_ONLY: u32 = 0b110 << 24;
     /// Normal memory, write-back, allocating: TEX 1, C, B.
     const NORMAL: u32 = 0b001 << 19 | 1 << 17 | 1 << 16;
+    /// Shareable device memory: TEX 0, B.
+    const DEVICE: u32 = 1 << 16;
     const ENABLE: u32 = 1;
     const DEFAULT_MAP_ELSEWHERE: u32 = 1 << 2;
     for (number, (start, size_log2, access)) in (0..).zip(REGIONS) {
         let attributes = match access {
-            Access::ReadAndExecute => READ_ONLY,
-            Access::ReadAndWrite => READ_WRITE | NO_EXECUTE,
-            Access::None => NO_EXECUTE,
+            Access::ReadAndExecute => READ_ONLY | NORMAL,
+            Access::ReadAndWrite => READ_WRITE | NO_EXECUTE | NORMAL,
+            Access::Device => READ_WRITE | NO_EXECUTE | DEVICE,
+            Access::None => NO_EXECUTE | NORMAL,
         };
         // SAFETY: called once from `init`; nothing else uses the unit, and the program needs no other access than it is given.
         unsafe {
             let mpu = &*cortex_m::peripheral::MPU::PTR;
             mpu.rbar.write(start | REGION_VALID | number);
-            mpu.rasr.write(attributes | NORMAL | (size_log2 - 1) << 1 | ENABLE);
+            mpu.rasr.write(attributes | (size_log2 - 1) << 1 | ENABLE);
         }
     }
     // SAFETY: as above.

@@ -143,10 +143,12 @@ mod tests {
     }
 
     #[test]
-    fn the_longest_reply_fits() {
+    fn the_longest_replies_fit() {
         let words = heapless::Vec::from_slice(&[u32::MAX; crate::message::BLOCK_WORDS]).unwrap();
         let mut frame = [0; MAX_FRAME];
         assert!(encode(u16::MAX, &Reply::Capture { first: u32::MAX, words }, &mut frame).is_ok());
+        let values = heapless::Vec::from_slice(&[(u16::MAX, f64::MAX); crate::message::PARAMETERS_PER_REPLY]).unwrap();
+        assert!(encode(u16::MAX, &Reply::Parameters(values), &mut frame).is_ok());
     }
 
     proptest! {

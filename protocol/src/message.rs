@@ -10,19 +10,24 @@ use servo_core::cascade::ParallelGains;
 use servo_core::config::Compensator;
 use servo_core::drive::Counters;
 use servo_core::fault::Fault;
+use servo_core::image::Invalid;
 use servo_core::profile::Limits;
 use servo_core::refusal::Refusal;
 use servo_core::settling::Settling;
 use servo_core::state::State;
+use servo_core::store::Current;
 
 /// Number of this version of the messages.
-pub const PROTOCOL: u16 = 1;
+pub const PROTOCOL: u16 = 2;
 
 /// Words in one block of capture data.
 pub const BLOCK_WORDS: usize = 90;
 
 /// Parameters in one request.
 pub const PARAMETERS_PER_REQUEST: usize = 16;
+
+/// Parameters in one reply.
+pub const PARAMETERS_PER_REPLY: usize = 40;
 
 /// What the host asks.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -64,6 +69,19 @@ pub enum Request {
         /// Index of the first word.
         first: u32,
     },
+    /// Read parameters in the order of their ids: [`Reply::Parameters`].
+    ReadParameters {
+        /// Lowest id wanted.
+        first: u16,
+    },
+    /// Begin to store the parameters in use; [`Request::ParameterStore`] tells how it goes on.
+    SaveParameters,
+    /// Use the stored parameters.
+    LoadParameters,
+    /// Use the parameters of a new drive.
+    ResetParameters,
+    /// [`Reply::ParameterStore`].
+    ParameterStore,
 }
 
 /// What the drive answers.
@@ -94,6 +112,10 @@ pub enum Reply {
         /// The words; see [`servo_core::capture::WORDS_PER_SAMPLE`].
         words: Vec<u32, BLOCK_WORDS>,
     },
+    /// To [`Request::ReadParameters`]: ids and values, up to [`PARAMETERS_PER_REPLY`]; fewer are the last.
+    Parameters(Vec<(u16, f64), PARAMETERS_PER_REPLY>),
+    /// To [`Request::ParameterStore`].
+    ParameterStore(ParameterStore),
 }
 
 /// Who the drive is.
@@ -107,6 +129,36 @@ pub struct Identity {
     pub count_fm: u64,
     /// The chip's serial number.
     pub serial: [u32; 3],
+}
+
+/// What is stored, and how the last save went.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ParameterStore {
+    /// The newest image.
+    pub image: Option<Current>,
+    /// Why, at start, sector A and sector B gave no parameters.
+    pub invalid: Option<[Invalid; 2]>,
+    /// Parameters in use differ from the stored ones, or nothing valid is stored.
+    pub unsaved: bool,
+    /// The last save.
+    pub save: SaveProgress,
+}
+
+/// How far a save is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum SaveProgress {
+    /// There was none since start.
+    #[default]
+    None,
+    /// In progress: steps done.
+    Running {
+        /// Of [`Save::STEPS`](servo_core::store::Save::STEPS); the first one takes nearly all the time.
+        done: u16,
+    },
+    /// Complete and read back.
+    Done,
+    /// The flash failed; the parameters stored before are still there.
+    Failed,
 }
 
 /// What the drive is doing.

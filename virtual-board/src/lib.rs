@@ -36,4 +36,6 @@ pub use link::Link;
 pub use log::LogLine;
 pub use session::Session;
 pub use told::{Told, ToldKind};
-pub use virtual_board::{Config, NOMINAL_INSTRUCTIONS_PER_SECOND, Snapshot, VirtualBoard};
+pub use virtual_board::{
+    Config, NOMINAL_INSTRUCTIONS_PER_SECOND, PARAMETER_ADDRESSES, ParameterSectors, Snapshot, VirtualBoard,
+};

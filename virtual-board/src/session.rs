@@ -4,11 +4,14 @@ use std::time::Duration;
 
 use servo_core::capture::{Order, Progress, WORDS_PER_SAMPLE};
 use servo_core::config::Compensator;
-use servo_core::parameters::{Settings, TABLE};
+use servo_core::parameters::{Parameter, Settings, TABLE};
 use servo_core::profile::Limits;
+use servo_core::refusal::Refusal;
 use servo_core::settling::Settling;
 use servo_core::state::State;
-use servo_protocol::message::{PARAMETERS_PER_REQUEST, Reply, Request, Status};
+use servo_protocol::message::{
+    PARAMETERS_PER_REPLY, PARAMETERS_PER_REQUEST, ParameterStore, Reply, Request, SaveProgress, Status,
+};
 
 use crate::{Error, Link, VirtualBoard};
 
@@ -16,6 +19,8 @@ use crate::{Error, Link, VirtualBoard};
 const POLL: Duration = Duration::from_millis(2);
 /// Twice the age that a status can have.
 const STATUS_AGE: Duration = Duration::from_millis(10);
+/// The same for the end of a save, which takes a second.
+const POLL_SAVE: Duration = Duration::from_millis(20);
 /// How long the drive may take to reach Operation enabled, or a move of these experiments to end.
 const PATIENCE: Duration = Duration::from_secs(5);
 
@@ -96,6 +101,75 @@ impl Session {
             self.order(&Request::SetParameters(values))?;
         }
         Ok(())
+    }
+
+    /// Makes a new drive ready to be enabled, as a person would: sets all parameters that differ from a new drive's, saves them,
+    /// and resets the fault.
+    ///
+    /// # Errors
+    /// A refused value, a save that failed, and those of [`Session::ask`].
+    pub fn commission(&mut self, settings: &Settings) -> Result<(), Error> {
+        self.configure(settings)?;
+        self.save_parameters()?;
+        self.order(&Request::ResetFault)?;
+        // A status is up to 5 ms old: none from before the reset shall be taken for one after it.
+        self.board.run_for(Duration::from_millis(10))
+    }
+
+    /// Saves the parameters in use and waits until they are stored.
+    ///
+    /// # Errors
+    /// [`Error::NotReached`] if the flash fails or takes longer than 5 s, a refusal, and those of [`Session::ask`].
+    pub fn save_parameters(&mut self) -> Result<(), Error> {
+        self.order(&Request::SaveParameters)?;
+        let give_up_ns = self.board.time_ns() + PATIENCE.as_nanos() as u64;
+        loop {
+            self.board.run_for(POLL_SAVE)?;
+            let store = self.parameter_store()?;
+            match store.save {
+                SaveProgress::Done => return Ok(()),
+                SaveProgress::Running { .. } if self.board.time_ns() < give_up_ns => {}
+                _ => {
+                    let (what, status) = ("the end of the save".to_owned(), format!("{store:?}"));
+                    return Err(Error::NotReached { what, status });
+                }
+            }
+        }
+    }
+
+    /// What is stored.
+    ///
+    /// # Errors
+    /// Those of [`Session::ask`].
+    pub fn parameter_store(&mut self) -> Result<ParameterStore, Error> {
+        match self.ask(&Request::ParameterStore)? {
+            Reply::ParameterStore(store) => Ok(store),
+            other => Err(unexpected(&Request::ParameterStore, &other)),
+        }
+    }
+
+    /// All parameters in use.
+    ///
+    /// # Errors
+    /// Those of [`Session::ask`], and a value that this table does not allow.
+    pub fn parameters(&mut self) -> Result<Settings, Error> {
+        let (mut settings, mut first) = (Settings::default(), 0);
+        loop {
+            let request = Request::ReadParameters { first };
+            let values = match self.ask(&request)? {
+                Reply::Parameters(values) => values,
+                other => return Err(unexpected(&request, &other)),
+            };
+            for (id, value) in &values {
+                let row = Parameter::by_id(*id).ok_or(Refusal::UnknownParameter(*id));
+                row.and_then(|row| row.set(&mut settings, *value))
+                    .map_err(|refusal| unexpected(&request, &Reply::Refused(refusal)))?;
+                first = *id + 1;
+            }
+            if values.len() < PARAMETERS_PER_REPLY {
+                return Ok(settings);
+            }
+        }
     }
 
     /// Enables the drive and waits for Operation enabled.

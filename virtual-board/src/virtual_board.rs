@@ -30,12 +30,27 @@ pub struct Config {
     pub seed: u64,
     /// How fast the emulated core is.
     pub instructions_per_second: NonZeroU64,
+    /// What the two parameter sectors hold at power-on, from their first bytes; erased behind that.
+    pub parameters: ParameterSectors,
 }
+
+/// The two parameter sectors, A and B, as [`VirtualBoard::read_parameters`] gives them.
+pub type ParameterSectors = [Vec<u8>; 2];
+
+/// Addresses of the parameter sectors, as `memory.x` has them.
+pub const PARAMETER_ADDRESSES: [u64; 2] = [0x081C_0000, 0x081E_0000];
+/// As much of a parameter sector as is ever written: an image and its seals.
+const PARAMETER_BYTES: usize = 8 * 1024;
 
 impl Default for Config {
     /// The built-in stage, seed 1, [`NOMINAL_INSTRUCTIONS_PER_SECOND`].
     fn default() -> Self {
-        Self { stage: Stage::default(), seed: 1, instructions_per_second: NOMINAL_INSTRUCTIONS_PER_SECOND }
+        Self {
+            stage: Stage::default(),
+            seed: 1,
+            instructions_per_second: NOMINAL_INSTRUCTIONS_PER_SECOND,
+            parameters: [Vec::new(), Vec::new()],
+        }
     }
 }
 
@@ -89,7 +104,12 @@ impl VirtualBoard {
         let board = Nucleo::new(config.instructions_per_second)?;
         let coupling = Coupling::new(Plant::new(&config.stage, config.seed));
         let runner = Runner::start(elf, board, coupling)?;
-        Ok(Self { elf: elf.clone(), instructions_per_second: config.instructions_per_second, runner, time_ns: 0 })
+        let instructions_per_second = config.instructions_per_second;
+        let mut board = Self { elf: elf.clone(), instructions_per_second, runner, time_ns: 0 };
+        for (address, bytes) in PARAMETER_ADDRESSES.into_iter().zip(&config.parameters) {
+            board.program(address, bytes)?;
+        }
+        Ok(board)
     }
 
     /// Writes down the whole state. The board can go on afterwards.
@@ -374,6 +394,25 @@ impl VirtualBoard {
             Ok::<_, rigless::emulator::Error>(before as u16)
         })??;
         Ok(before)
+    }
+
+    /// Puts `bytes` into flash at `address`, as a programmer would.
+    fn program(&mut self, address: u64, bytes: &[u8]) -> Result<(), Error> {
+        let bytes = bytes.to_vec();
+        self.runner.call(move |halted| {
+            let places = (address..).zip(bytes);
+            places.into_iter().try_for_each(|(at, byte)| Memory::program(halted.host, at, Width::W8, u64::from(byte)))
+        })??;
+        Ok(())
+    }
+
+    /// What the two parameter sectors hold, as much of them as is ever written.
+    ///
+    /// # Errors
+    /// [`Error::Ended`].
+    pub fn read_parameters(&mut self) -> Result<ParameterSectors, Error> {
+        let [a, b] = PARAMETER_ADDRESSES;
+        Ok([self.read_memory(a, PARAMETER_BYTES)?, self.read_memory(b, PARAMETER_BYTES)?])
     }
 
     /// Reads the 32-bit word at the symbol `name`.

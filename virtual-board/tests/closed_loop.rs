@@ -54,7 +54,7 @@ fn a_move_with_niasa_settles_to_3_nm_within_its_time_budget() {
 /// The emulator has one rate for all instructions. 100 million a second is a Cortex-M7 at 400 MHz that waits three cycles of four.
 #[test]
 fn a_processor_less_than_half_as_fast_still_keeps_the_time_budget() {
-    let config = Config { instructions_per_second: NonZeroU64::new(100_000_000).unwrap(), ..Config::default() };
+    let config = Config { instructions_per_second: NonZeroU64::new(100_000_000).unwrap(), ..common::config() };
     let mut board = VirtualBoard::boot(&elf(), &config).unwrap();
     board.run_for(2 * BOOT).unwrap();
     let mut link = Link::new();

@@ -81,7 +81,7 @@ fn a_snapshot_goes_on_as_the_run_it_was_taken_from() {
 #[test]
 fn another_seed_is_another_run() {
     let encoder = |seed| {
-        let mut board = VirtualBoard::boot(&elf(), &Config { seed, ..Config::default() }).unwrap();
+        let mut board = VirtualBoard::boot(&elf(), &Config { seed, ..common::config() }).unwrap();
         board.run_for(BOOT).unwrap();
         format!("{:?}", board.plant().unwrap())
     };

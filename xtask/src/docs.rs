@@ -2,13 +2,12 @@
 
 use anyhow::{Context, Result};
 
-use crate::fault_page;
+use crate::{fault_page, parameter_page};
 
 /// Where a page is, and what makes it.
 type Page = (&'static str, fn() -> String);
 
-/// The pages.
-const PAGES: [Page; 1] = [("docs/faults.md", fault_page::faults)];
+const PAGES: [Page; 2] = [("docs/faults.md", fault_page::faults), ("docs/parameters.md", parameter_page::parameters)];
 
 /// Writes every page anew and says which ones have changed.
 ///

@@ -14,7 +14,9 @@ mod embedded;
 mod endurance;
 mod fault_page;
 mod firmware;
+mod fuzz;
 mod host;
+mod parameter_page;
 mod process;
 mod qemu;
 mod setup;
@@ -50,6 +52,8 @@ enum Word {
     Bench(bench::Options),
     /// Run the long forms of tests: an hour of motion, a thousand million random ticks
     Endurance(endurance::Options),
+    /// Look for bytes that break what reads them: serial frames, flash, encoder line, stage file
+    Fuzz(fuzz::Options),
     /// Write the pages of docs/ that are made from tables in code
     Docs,
     /// Install what is missing: embedded toolchain, QEMU, C compiler (every other word does it by itself)
@@ -82,6 +86,7 @@ fn run(word: Word, directory: &Path) -> Result<()> {
         Word::Qemu { bless: true } => qemu::bless(),
         Word::Bench(options) => bench::run(&options.seen_from(directory)),
         Word::Endurance(options) => endurance::run(&options),
+        Word::Fuzz(options) => fuzz::run(&options.seen_from(directory)),
         Word::Docs => docs::write(),
         Word::Setup { dry_run } => setup::all(dry_run),
     }

@@ -34,6 +34,17 @@ impl Drive {
                 self.brake(self.config.acceleration_max_m_per_s2);
                 Ok(())
             }
+            Command::BeginSave => {
+                if self.request != Request::DisableVoltage || self.torque {
+                    return Err(Refusal::WrongState(self.state));
+                }
+                self.saving = true;
+                Ok(())
+            }
+            Command::EndSave { stored } => {
+                (self.saving, self.uncommissioned) = (false, !stored);
+                Ok(())
+            }
             Command::Compensator(compensator) => {
                 self.choose(compensator);
                 Ok(())
@@ -53,6 +64,9 @@ impl Drive {
     fn may_enable(&self) -> Outcome {
         if matches!(self.state, State::Fault | State::FaultReactionActive) {
             return Err(Refusal::WrongState(self.state));
+        }
+        if self.saving {
+            return Err(Refusal::Saving);
         }
         if !self.tracker.is_valid() {
             return Err(Refusal::NoPosition);

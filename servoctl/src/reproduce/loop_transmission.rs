@@ -15,7 +15,8 @@ use servo_sim::Stage;
 
 use super::campaign::Watch;
 use super::experiments::{appendix_e, with};
-use super::outcome::{ORIGIN, plant};
+use super::outcome::ORIGIN;
+use super::words::plant;
 use crate::settling::round_to;
 use crate::table::{MISSING, Table, number};
 

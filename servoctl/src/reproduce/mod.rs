@@ -23,3 +23,4 @@ pub mod pass;
 pub mod sensitivity;
 pub mod shard;
 pub mod step_100um;
+mod words;

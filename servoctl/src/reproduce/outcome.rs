@@ -15,6 +15,7 @@ use super::claims::{self, Claim};
 use super::compensators::Search;
 use super::experiments::{Comparison, Experiment, Plan, gains};
 use super::pass::{Case, MoveResult, Squares};
+use super::words::{length, plant};
 use crate::settling::{Config, SettlingExperiment, reduction_percent, round_to};
 use crate::table::{Conditions, MISSING, Table, number, settling_table};
 
@@ -294,26 +295,6 @@ impl Run {
             let cells = (0..self.settling.tolerances_nm.len()).map(cell);
             table.row(std::iter::once(config.settling.name.clone()).chain(cells))
         })
-    }
-}
-
-/// A plant in words.
-pub(super) fn plant(stage: &Stage) -> String {
-    format!(
-        "{} kg, {} friction σ {:.2} N/µm, F_C {:.2} N",
-        stage.mechanics.mass_kg,
-        stage.friction.model.name(),
-        stage.friction.stiffness_n_per_m * 1e-6,
-        stage.friction.coulomb_n
-    )
-}
-
-/// A length in its natural unit.
-fn length(m: f64) -> String {
-    match m {
-        m if m >= 1e-3 => format!("{} mm", round_to(m * 1e3, 6)),
-        m if m >= 1e-6 => format!("{} µm", round_to(m * 1e6, 6)),
-        m => format!("{} nm", round_to(m * 1e9, 6)),
     }
 }
 

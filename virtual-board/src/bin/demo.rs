@@ -67,12 +67,16 @@ fn main() -> Result<()> {
     let mut board = VirtualBoard::boot(&elf, &config)?;
     board.run_for(Duration::from_millis(100))?;
     say.log(&mut board)?;
-    let booted = board.snapshot()?;
+    say.line("\nA new drive: parameters set, saved, fault reset");
+    let mut session = Session::new(board);
+    session.commission(&settings)?;
+    say.log(&mut session.board)?;
+    let ready = session.board.snapshot()?;
 
     let mut runs = Vec::new();
     for (name, compensator) in [("pid", Compensator::None), ("pid+niasa", Compensator::Niasa)] {
         say.line(&format!("\n{name}: {} moves of 5 mm at 1 m/s²", arguments.moves));
-        runs.push(run(&booted, &settings, name, compensator, arguments.moves, &say)?);
+        runs.push(run(&ready, &settings, name, compensator, arguments.moves, &say)?);
     }
 
     let virtual_s: f64 = runs.iter().map(|r| r.virtual_s).sum();
@@ -135,16 +139,15 @@ struct Run {
 }
 
 fn run(
-    booted: &Snapshot,
+    ready: &Snapshot,
     settings: &Settings,
     name: &str,
     compensator: Compensator,
     moves: u64,
     say: &Say,
 ) -> Result<Run> {
-    let mut session = Session::new(VirtualBoard::from_snapshot(booted)?);
+    let mut session = Session::new(VirtualBoard::from_snapshot(ready)?);
     let from_ns = session.board.time_ns();
-    session.configure(settings)?;
     session.enable(compensator)?;
     let limits = MOVE.limits(settings);
     let nm_per_ct = settings.encoder_count_m * 1e9;

@@ -4,10 +4,11 @@
 use std::sync::OnceLock;
 use std::time::Duration;
 
+use servo_core::parameters::Settings;
 use servo_core::profile::Limits;
 use servo_core::state::State;
 use servo_protocol::message::{Reply, Request, Status};
-use servo_virtual_board::{Config, Elf, Link, LogLine, Snapshot, VirtualBoard};
+use servo_virtual_board::{Config, Elf, Link, LogLine, ParameterSectors, Session, Snapshot, VirtualBoard};
 
 /// The converters' calibration and the start-up take 76 ms.
 pub const BOOT: Duration = Duration::from_millis(150);
@@ -16,11 +17,28 @@ pub fn elf() -> Elf {
     Elf::find(None).unwrap_or_else(|error| panic!("{error}"))
 }
 
+/// What the flash of a drive holds whose user has saved the defaults.
+pub fn commissioned() -> &'static ParameterSectors {
+    static COMMISSIONED: OnceLock<ParameterSectors> = OnceLock::new();
+    COMMISSIONED.get_or_init(|| {
+        let mut board = VirtualBoard::boot(&elf(), &Config::default()).unwrap();
+        board.run_for(BOOT).unwrap();
+        let mut session = Session::new(board);
+        session.commission(&Settings::default()).unwrap();
+        session.board.read_parameters().unwrap()
+    })
+}
+
+/// A board with these parameters, stage and processor as built in.
+pub fn config() -> Config {
+    Config { parameters: commissioned().clone(), ..Config::default() }
+}
+
 /// The state after boot, and what had been logged by then.
 pub fn booted() -> &'static (Snapshot, Vec<LogLine>) {
     static BOOTED: OnceLock<(Snapshot, Vec<LogLine>)> = OnceLock::new();
     BOOTED.get_or_init(|| {
-        let mut board = VirtualBoard::boot(&elf(), &Config::default()).unwrap();
+        let mut board = VirtualBoard::boot(&elf(), &config()).unwrap();
         board.run_for(BOOT).unwrap();
         let log = board.log().unwrap();
         (board.snapshot().unwrap(), log)
