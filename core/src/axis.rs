@@ -79,11 +79,6 @@ impl Axis {
         }
     }
 
-    /// An axis with [`Drive::uncommissioned`] parameters.
-    pub fn uncommissioned(config: Config) -> Self {
-        Axis { drive: Drive::uncommissioned(config), ..Self::new(config) }
-    }
-
     /// The drive, to look at.
     pub fn drive(&self) -> &Drive {
         &self.drive

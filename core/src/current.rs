@@ -7,10 +7,8 @@
 use crate::math::{limit, sin_cos_turns};
 use crate::{PWM_DT_S, PWM_TOP};
 
-/// Duty is kept this far from 0 and 1, 2 µs of each period, so that low-side shunts can be sampled and bootstraps recharged: the
-/// low side conducts for at least the sampling window before and after the middle of its on-time, the dead time and 0.3 µs in which
-/// the amplifier settles.
-pub const DUTY_MARGIN: f32 = 0.08;
+/// Duty is kept this far from 0 and 1, so that bootstraps are recharged. It is less than sampling a low-side shunt takes.
+pub const DUTY_MARGIN: f32 = 0.02;
 
 const SQRT3_2: f32 = 0.866_025_4;
 const INV_SQRT3: f32 = 0.577_350_26;

@@ -72,10 +72,7 @@ pub enum Command {
     /// The flash is going to be written: refused with torque on, and from then on torque is refused.
     BeginSave,
     /// The flash has been written, or could not be.
-    EndSave {
-        /// Valid parameters are stored.
-        stored: bool,
-    },
+    EndSave,
 }
 
 /// The answer to a command.
@@ -142,8 +139,6 @@ pub struct Drive {
     settling: settling::Monitor,
     bus_v: f32,
     counters: Counters,
-    /// Nobody has ever stored the parameters in use: no torque on them.
-    uncommissioned: bool,
     /// The flash is being written: no torque meanwhile.
     saving: bool,
 }
@@ -178,14 +173,8 @@ impl Drive {
             settling: settling::Monitor::default(),
             bus_v: 0.0,
             counters: Counters::default(),
-            uncommissioned: false,
             saving: false,
         }
-    }
-
-    /// A drive whose parameters are defaults that nobody has stored: in a fault until [`Command::EndSave`] says that somebody has.
-    pub fn uncommissioned(config: Config) -> Self {
-        Drive { uncommissioned: true, ..Self::new(config) }
     }
 
     /// Coefficients in use.
@@ -339,8 +328,7 @@ impl Drive {
         let fault = if self.torque {
             self.monitor.diagnose(k, self.counters.ticks, inputs, update, &self.tracker, error_ct)
         } else {
-            let found = self.monitor.check_off(k, inputs);
-            found.or(self.uncommissioned.then_some(Fault::ParametersInvalid))
+            self.monitor.check_off(k, inputs)
         };
         if self.fault.is_none() || reset {
             self.fault = fault;

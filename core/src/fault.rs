@@ -108,7 +108,7 @@ faults! {
     19 CommandTimeout 0x7500 MayBrake "4 ticks after command_timeout_s", "command time-out",
         "No command came for longer than its limit while the bridge was on.", "Check the host and its line.";
     20 TaskHung 0x6010 Off "1 tick after 100 ms", "task hung",
-        "A task of the firmware did not check in for 100 ms with the bridge on; the watchdog is no longer fed.",
+        "A task of the firmware did not check in for 100 ms; the watchdog is no longer fed.",
         "This is a defect of the firmware: report it with the black box.";
     21 StackLow 0xff02 Off "up to 100 ms", "stack low",
         "The stack has come within 2 KiB of its end.", "This is a defect of the firmware: report it.";

@@ -30,6 +30,7 @@ pub mod fault;
 pub mod friction;
 pub mod image;
 pub mod math;
+pub mod measure;
 pub mod monitor;
 pub mod parameters;
 pub mod position;

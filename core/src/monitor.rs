@@ -24,7 +24,7 @@ pub mod signals {
     pub const PANICKED: u32 = 1 << 4;
     /// First tick after a reset by the watchdog.
     pub const WATCHDOG_RESET: u32 = 1 << 5;
-    /// The stored parameters are not valid.
+    /// No valid parameters are stored: those in use are defaults that nobody has chosen.
     pub const PARAMETERS_INVALID: u32 = 1 << 6;
     /// All bits that are faults.
     pub const FAULTS: u32 = 0xffff;

@@ -31,6 +31,16 @@ pub enum Field {
     BusVoltage,
     /// Jerk of a move, m/s³.
     Jerk,
+    /// Amplitude of an excitation, in the unit of what it is added to.
+    Amplitude,
+    /// Frequency of an excitation, Hz.
+    Frequency,
+    /// Number of periods of an excitation.
+    Periods,
+    /// Share of its amplitude that an excitation has decayed to at its end.
+    EndShare,
+    /// Length of an excitation, s.
+    Duration,
 }
 
 impl Field {
@@ -51,6 +61,11 @@ impl Field {
             Field::Decimation => ("decimation", ""),
             Field::BusVoltage => ("bus voltage", "V"),
             Field::Jerk => ("jerk", "m/s³"),
+            Field::Amplitude => ("amplitude", ""),
+            Field::Frequency => ("frequency", "Hz"),
+            Field::Periods => ("periods", ""),
+            Field::EndShare => ("end share", ""),
+            Field::Duration => ("duration", "s"),
         }
     }
 }

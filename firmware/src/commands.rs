@@ -166,8 +166,7 @@ impl Commands {
     /// Tells the drive how a save has ended: with the next request, because nobody but a request can ask for torque.
     async fn tell_of_save(&mut self) {
         if self.storage.has_news() {
-            let stored = self.storage.stored().is_some();
-            if self.commander.execute(Command::EndSave { stored }).await.is_ok() {
+            if self.commander.execute(Command::EndSave).await.is_ok() {
                 self.storage.told();
             }
         }

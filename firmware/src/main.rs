@@ -53,8 +53,7 @@ async fn main(spawner: Spawner) {
         Ok(config) => config,
         Err(refusal) => return error!("not started: {}", refusal),
     };
-    let (in_interrupts, commander, reports) =
-        drive::split(if storage.is_commissioned() { Axis::new(config) } else { Axis::uncommissioned(config) });
+    let (in_interrupts, commander, reports) = drive::split(Axis::new(config));
     static LATEST: StaticCell<Latest> = StaticCell::new();
     let latest: &'static Latest = LATEST.init(Latest::default());
 

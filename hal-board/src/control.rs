@@ -180,7 +180,7 @@ impl Loop {
         self.frame = Frame::None;
         self.sample.frame = frame;
         let tripped = if pwm::take_break() { signals::BRIDGE_FAULT } else { 0 };
-        let told = self.watchdog.tick(self.bridge_enabled) | core::mem::take(&mut self.ended_by);
+        let told = self.watchdog.tick() | core::mem::take(&mut self.ended_by);
         self.sample.signals = tripped | told;
         let bridge = self.control.on_servo(&self.sample);
         self.apply(bridge);

@@ -18,13 +18,6 @@ const DEAD_TIME_NS: u32 = 500;
 /// The same in counts; the register is linear up to 127.
 const DEAD_TIME_CT: u32 = TIMER_HZ / 1_000_000 * DEAD_TIME_NS / 1000;
 const _: () = assert!(DEAD_TIME_CT <= 127);
-/// Phase currents are sampled until this long after the update.
-const SAMPLED_AFTER_NS: u32 = 600;
-/// From switching a low side on to a settled current amplifier.
-const SETTLING_NS: u32 = 300;
-// The shortest on-time of a low side, in ns: the duty limit of the current loop, of a period of 25 µs.
-const _: () =
-    assert!(servo_core::current::DUTY_MARGIN * 25_000.0 >= (2 * SAMPLED_AFTER_NS + DEAD_TIME_NS + SETTLING_NS) as f32);
 
 /// Break and dead-time register without the main output enable, written once before anything else can switch:
 /// dead time, break input active low with eight samples of filter at 50 MHz (160 ns), outputs driven to the off level

@@ -2,8 +2,7 @@
 //!
 //! The watchdog restarts the processor 50 ms after the servo period has stopped, whatever the reason. The servo period feeds it only
 //! while every task has checked in in time, and reports one that has not ([`signals::TASK_HUNG`]): with the bridge on, the drive then
-//! turns it off in that tick, which does not wait for the reset that follows. With the bridge off tasks may take longer: erasing
-//! a sector of flash takes seconds.
+//! turns it off in that tick, which does not wait for the reset that follows.
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
@@ -14,8 +13,6 @@ use servo_core::monitor::signals;
 
 /// Tasks that have not checked in for longer than this count as hung, servo periods: 100 ms.
 const PATIENCE: u32 = SERVO_HZ / 10;
-/// The same with the bridge off: 8 s.
-const PATIENCE_OFF: u32 = 8 * SERVO_HZ;
 /// Servo periods between two feeds: 8 ms.
 const FEED_EVERY: u32 = SERVO_HZ / 125;
 /// Watchdog time-out in periods of its clock, 32 kHz / 4: 50 ms.
@@ -46,9 +43,14 @@ impl Client {
     }
 }
 
-/// Reports faults to the drive, bits of [`signals`], from the next servo period on and for good.
+/// Reports faults to the drive, bits of [`signals`], from the next servo period on, until they are withdrawn.
 pub fn report(bits: u32) {
     REPORTED.fetch_or(bits & signals::FAULTS, Ordering::Relaxed);
+}
+
+/// The cause is gone; the drive stays in its fault until that is acknowledged.
+pub fn withdraw(bits: u32) {
+    REPORTED.fetch_and(!bits, Ordering::Relaxed);
 }
 
 /// The servo period's side.
@@ -77,7 +79,7 @@ impl Watchdog {
 
     /// Once per servo period: the bits of [`signals`] that supervision and tasks have to tell.
     #[inline(always)]
-    pub(crate) fn tick(&mut self, bridge_enabled: bool) -> u32 {
+    pub(crate) fn tick(&mut self) -> u32 {
         let expected = EXPECTED.load(Ordering::Relaxed);
         if CHECKED_IN.load(Ordering::Relaxed) & expected == expected {
             // A check-in between the two is lost; the next one is not.
@@ -87,7 +89,7 @@ impl Watchdog {
         } else {
             self.waited = self.waited.saturating_add(1);
         }
-        self.hung |= self.waited > if bridge_enabled { PATIENCE } else { PATIENCE_OFF };
+        self.hung |= self.waited > PATIENCE;
         self.unfed += 1;
         if self.unfed >= FEED_EVERY && !self.hung {
             self.unfed = 0;

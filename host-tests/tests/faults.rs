@@ -98,11 +98,7 @@ fn every_fault_seen_in_a_sample_turns_the_bridge_off_in_time_and_is_latched_with
 
 #[test]
 fn what_ended_the_last_run_is_a_fault_of_the_first_tick_of_this_one() {
-    for (signal, fault) in [
-        (signals::PANICKED, Fault::Panic),
-        (signals::WATCHDOG_RESET, Fault::WatchdogReset),
-        (signals::PARAMETERS_INVALID, Fault::ParametersInvalid),
-    ] {
+    for (signal, fault) in [(signals::PANICKED, Fault::Panic), (signals::WATCHDOG_RESET, Fault::WatchdogReset)] {
         let stage = Stage::default();
         let mut bench = Bench::new(&stage, &settings(&stage), 3).unwrap();
         bench.tick_with(None, |s| s.signals = signal);
@@ -112,20 +108,6 @@ fn what_ended_the_last_run_is_a_fault_of_the_first_tick_of_this_one() {
         bench.command(Command::ResetFault).unwrap();
         bench.enable().unwrap();
     }
-}
-
-#[test]
-fn parameters_that_stay_invalid_cannot_be_acknowledged_away() {
-    let stage = Stage::default();
-    let mut bench = Bench::new(&stage, &settings(&stage), 3).unwrap();
-    for tick in 0..20 {
-        let command = if tick > 5 { Some(Command::ResetFault) } else { None };
-        let answer = bench.tick_with(command, |s| s.signals = signals::PARAMETERS_INVALID).outcome;
-        if tick > 5 {
-            assert_eq!(answer, Some(Err(Refusal::FaultPersists(Fault::ParametersInvalid))));
-        }
-    }
-    assert_eq!(bench.axis.drive().state(), State::Fault);
 }
 
 #[test]

@@ -7,10 +7,12 @@
 //! - [`demo_report`]: the page that `cargo xtask demo` writes
 //! - [`reproduce`]: the thesis' experiments, repeated in simulation
 //! - [`theory`]: chapter 7 of the thesis as functions: settling without and with mass
+//! - [`csv`]: measured columns from a file
 //! - [`thesis`]: the thesis beside the simulation: every number, figure and table, with a verdict
 //! - [`cli`]: the command line, a module per sub-command
 
 pub mod cli;
+pub mod csv;
 pub mod demo_report;
 pub mod plot;
 pub mod report;

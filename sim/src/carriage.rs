@@ -24,6 +24,8 @@ pub struct Carriage {
     /// The time it took.
     untold_s: f64,
     friction: Friction,
+    /// σ (N/m) and F_C (N) of the move.
+    drawn: [f64; 2],
     encoder_noise: Noise,
     /// In the last step.
     acceleration_m_per_s2: f64,
@@ -41,6 +43,7 @@ impl Carriage {
             untold_m: 0.0,
             untold_s: 0.0,
             friction: Friction::new(&stage.friction),
+            drawn: [stage.friction.stiffness_n_per_m, stage.friction.coulomb_n],
             encoder_noise: Noise::new(seed, Purpose::Encoder, BEFORE_FIRST_MOVE),
             acceleration_m_per_s2: 0.0,
         }
@@ -58,10 +61,11 @@ impl Carriage {
             let mut draw = noise(Purpose::Friction);
             let stiffness_n_per_m = nominal.stiffness_n_per_m + spread.stiffness_std_n_per_m * draw.normal();
             let coulomb_n = nominal.coulomb_n + spread.coulomb_std_n * draw.normal();
-            self.friction.set(
+            self.drawn = [
                 stiffness_n_per_m.max(spread.stiffness_min_n_per_m).min(spread.stiffness_max_n_per_m),
                 coulomb_n.max(spread.coulomb_min_n).min(spread.coulomb_max_n),
-            );
+            ];
+            self.friction.set(self.drawn[0], self.drawn[1]);
         }
         self.encoder_noise = noise(Purpose::Encoder);
     }
@@ -147,6 +151,11 @@ impl Carriage {
     /// From now on something pushes the carriage with this force, N.
     pub fn set_external_force_n(&mut self, external_n: f64) {
         self.external_n = external_n;
+    }
+
+    /// Dahl's σ (N/m) and F_C (N) of the present move: the truth that an identification looks for.
+    pub fn drawn_friction(&self) -> [f64; 2] {
+        self.drawn
     }
 
     /// Force of the rolling friction, N; positive opposes positive motion.

@@ -15,10 +15,10 @@ use servo_protocol::message::{
 
 use crate::{Error, Link, VirtualBoard};
 
-/// How often a state is asked for while waiting for it.
-const POLL: Duration = Duration::from_millis(2);
 /// Twice the age that a status can have.
 const STATUS_AGE: Duration = Duration::from_millis(10);
+/// How often a state is asked for while waiting for it.
+const POLL: Duration = Duration::from_millis(2);
 /// The same for the end of a save, which takes a second.
 const POLL_SAVE: Duration = Duration::from_millis(20);
 /// How long the drive may take to reach Operation enabled, or a move of these experiments to end.
@@ -112,8 +112,8 @@ impl Session {
         self.configure(settings)?;
         self.save_parameters()?;
         self.order(&Request::ResetFault)?;
-        // A status is up to 5 ms old: none from before the reset shall be taken for one after it.
-        self.board.run_for(Duration::from_millis(10))
+        // None from before the reset shall be taken for one after it.
+        self.board.run_for(STATUS_AGE)
     }
 
     /// Saves the parameters in use and waits until they are stored.
@@ -188,7 +188,7 @@ impl Session {
     /// A refusal, a fault on the way, and those of [`Session::ask`].
     pub fn move_to(&mut self, target_ct: i64, limits: Limits) -> Result<(), Error> {
         self.order(&Request::Move { target_ct, limits })?;
-        // The status is up to 5 ms old: before that it may say that nothing moves yet.
+        // A status may be from before the order, when nothing moved yet.
         self.board.run_for(STATUS_AGE)?;
         self.wait_for("the end of the move", |status| !status.moving)?;
         Ok(())

@@ -42,7 +42,7 @@ fn on_the_board(stage: &Stage, compensator: Compensator) -> Vec<Settling> {
     session.configure(&settings).unwrap();
     session.enable(compensator).unwrap();
     session.board.run_for(Duration::from_millis(100)).unwrap();
-    (0..MOVES)
+    let settled = (0..MOVES)
         .map(|index| {
             session.board.redraw_friction(index).unwrap();
             let target = STEPS.target(Position(0), index, settings.encoder_count_m);
@@ -50,7 +50,9 @@ fn on_the_board(stage: &Stage, compensator: Compensator) -> Vec<Settling> {
             session.board.run_for(Duration::from_secs_f64(STEPS.dwell_s)).unwrap();
             session.settling().unwrap()
         })
-        .collect()
+        .collect();
+    session.board.check_told().unwrap();
+    settled
 }
 
 /// Fails where a settling time to `from_nm` or more differs by more than `ms` and by more than `share` of the harness's.

@@ -28,6 +28,7 @@ fn enabling_does_not_move_the_stage() {
     let trace = board.take_trace().unwrap();
     let furthest_m = trace.iter().map(|truth| truth.position_m.abs()).fold(0.0, f64::max);
     assert!(furthest_m < 5e-9, "{furthest_m:e} m");
+    board.check_told().unwrap();
 }
 
 #[test]
@@ -122,6 +123,7 @@ fn a_refused_move_moves_nothing() {
     let reply = link.request(&mut board, &beyond).unwrap();
     assert!(matches!(reply, Reply::Refused(_)), "{reply:?}");
     assert!(!status(&mut board, &mut link).moving);
+    board.check_told().unwrap();
 }
 
 /// The line is dead for the 76 ms of boot, and what is sent meanwhile is lost, as on the real board.

@@ -44,6 +44,7 @@ fn assert_latched(board: &mut VirtualBoard, link: &mut Link, fault: Fault) {
     assert!(!board.bridge_enabled().unwrap());
     let log = board.log().unwrap();
     assert!(common::logged(&log, "fault"), "{log:#?}");
+    board.check_told().unwrap();
 }
 
 /// What breaks a frame, and what the third one in a row is called.
@@ -75,6 +76,7 @@ fn two_unusable_frames_are_counted_and_survived() {
         let status = status(&mut board, &mut link);
         assert_eq!((status.state, status.fault), (State::OperationEnabled, None), "{fault:?}");
         assert_eq!(status.counters.bad_frames, 2, "{fault:?}");
+        board.check_told().unwrap();
     }
 }
 
@@ -86,6 +88,7 @@ fn a_line_one_bit_slower_is_no_fault() {
     board.run_for(Duration::from_millis(20)).unwrap();
     let status = status(&mut board, &mut link);
     assert_eq!((status.state, status.counters.bad_frames), (State::OperationEnabled, 0));
+    board.check_told().unwrap();
 }
 
 #[test]
@@ -127,6 +130,7 @@ fn the_power_stage_turns_the_bridge_off_by_itself_and_the_drive_can_be_enabled_a
     }
     assert_eq!(status(&mut board, &mut link).state, State::OperationEnabled);
     assert!(board.bridge_enabled().unwrap());
+    board.check_told().unwrap();
 }
 
 #[test]
@@ -155,6 +159,7 @@ fn a_reset_in_mid_move_turns_the_bridge_off_at_once() {
     board.run_for(common::BOOT).unwrap();
     let status = status(&mut board, &mut link);
     assert_eq!((status.state, status.fault), (State::SwitchOnDisabled, None));
+    board.check_told().unwrap();
 }
 
 #[test]
@@ -174,6 +179,7 @@ fn garbled_requests_are_dropped_and_counted() {
     let status = status(&mut board, &mut link);
     assert_eq!(status.state, State::OperationEnabled);
     assert!(status.bad_requests > 2, "{}", status.bad_requests);
+    board.check_told().unwrap();
 }
 
 #[test]

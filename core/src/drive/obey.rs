@@ -41,8 +41,8 @@ impl Drive {
                 self.saving = true;
                 Ok(())
             }
-            Command::EndSave { stored } => {
-                (self.saving, self.uncommissioned) = (false, !stored);
+            Command::EndSave => {
+                self.saving = false;
                 Ok(())
             }
             Command::Compensator(compensator) => {

@@ -5,6 +5,7 @@
 //! Everything that prints numbers takes [`output::Json`] as `#[command(flatten)]` and ends with
 //! [`output::Json::write`]; progress goes to standard error.
 
+pub mod fit;
 pub mod interrupt;
 pub mod merge;
 pub mod output;
@@ -33,6 +34,9 @@ pub enum Command {
     Theory(theory::Options),
     /// An experiment of the thesis, simulated: the drive of the firmware on a simulated stage
     Reproduce(reproduce::Options),
+    /// Friction models fitted to measured force or current over position
+    #[command(subcommand)]
+    Fit(fit::Options),
     /// The thesis beside the simulation: every figure, table and number of it, on one page
     Report(report::Options),
     /// Join the parts of an experiment that `reproduce --shard` computed
@@ -58,6 +62,7 @@ pub fn run(command: &Command) -> anyhow::Result<()> {
     match command {
         Command::Theory(options) => theory::run(options),
         Command::Reproduce(options) => reproduce::run(options),
+        Command::Fit(options) => fit::run(options),
         Command::Report(options) => report::run(options),
         Command::Merge(options) => merge::run(options),
     }

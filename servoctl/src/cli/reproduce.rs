@@ -14,6 +14,8 @@ use super::output::Json;
 use super::progress::Progress;
 use crate::reproduce::campaign::{Shard, Watch};
 use crate::reproduce::experiments::{Experiment, MASS_ERRORS_PERCENT, Request};
+use crate::reproduce::identification;
+use crate::reproduce::identification_study::{self, IdentificationStudy};
 use crate::reproduce::loop_transmission::{self, LoopTransmission};
 use crate::reproduce::outcome::Outcome;
 use crate::reproduce::shard::ShardFile;
@@ -69,6 +71,8 @@ pub enum Name {
     Step100Um,
     /// Friction models fitted to the same data (figures 4 to 10)
     Models,
+    /// σ and F_C by identification profile and from settling (6.2, 6.3, tables 1 and 2)
+    IdentificationStudy,
     /// Every compensator on the moves of exp1, each tuned first (chapter 4)
     Compensators,
     /// NIASA's parameters one by one, and stages that are not what the model says (8.1, 7.4)
@@ -83,6 +87,7 @@ enum Kind {
     LoopTransmission,
     Step100Um,
     Models,
+    IdentificationStudy,
     All,
 }
 
@@ -103,6 +108,7 @@ impl Name {
             Name::LoopTransmission => return Kind::LoopTransmission,
             Name::Step100Um => return Kind::Step100Um,
             Name::Models => return Kind::Models,
+            Name::IdentificationStudy => return Kind::IdentificationStudy,
             Name::All => return Kind::All,
         })
     }
@@ -136,7 +142,7 @@ impl Options {
         let name = self.name.typed();
         let settling = matches!(self.name.kind(), Kind::Settling(_));
         if let Some(moves) = self.moves {
-            let has_moves = settling || matches!(self.name, Name::Step100Um | Name::All);
+            let has_moves = settling || matches!(self.name, Name::Step100Um | Name::IdentificationStudy | Name::All);
             ensure!(has_moves, "moves is an option of experiments that move, not of {name}");
             ensure!((1..=10_000_000).contains(&moves), "moves = {moves} is outside 1 to 10000000");
         }
@@ -204,6 +210,14 @@ fn one(options: &Options, name: Name, stage: &Stage) -> Result<Found> {
         }
         Kind::Models => {
             let found = models::run();
+            Ok((found.to_text(), serde_json::to_value(&found)?))
+        }
+        Kind::IdentificationStudy => {
+            let steps = options.moves.unwrap_or(identification::STEPS);
+            let runs = identification::runs_beside(steps);
+            let pieces = identification::pieces(runs, steps);
+            let run = |watch: Watch| identification_study::run(stage, runs, steps, seed, watch);
+            let found: IdentificationStudy = measured(name, pieces, "runs", run)?;
             Ok((found.to_text(), serde_json::to_value(&found)?))
         }
         Kind::All => bail!("all is not one experiment"),

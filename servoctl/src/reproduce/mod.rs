@@ -4,6 +4,7 @@
 //! - [`campaign`]: many passes of several configurations, in parallel, in parts
 //! - [`experiments`]: which configurations each experiment compares
 //! - [`outcome`]: statistics, tables, JSON
+//! - [`identification`], [`identification_study`]: σ and F_C from profiles and from settling (6.2, 6.3)
 //! - [`compensators`]: how each compensator is tuned before they are compared (chapter 4)
 //! - [`claims`]: what chapter 4 says of the compensators, held against the numbers
 //! - [`sensitivity`]: parameters of NIASA, and stages that are not what the model says
@@ -16,6 +17,8 @@ pub mod campaign;
 pub mod claims;
 pub mod compensators;
 pub mod experiments;
+pub mod identification;
+pub mod identification_study;
 pub mod loop_transmission;
 pub mod models;
 pub mod outcome;
