@@ -10,8 +10,12 @@ use crate::refusal::{Field, Refusal};
 use crate::state::{ControlWord, Request, State};
 
 impl Drive {
-    /// Whether a command acknowledges a fault: the command for it, or the rising edge of the controlword's bit 7.
+    /// Whether a command acknowledges the fault: the command for it, or the rising edge of the controlword's bit 7, and both in
+    /// state Fault only. A fault of the same tick, or one that still brakes, is never acknowledged unseen.
     pub fn is_reset(&self, command: &Command) -> bool {
+        if self.state != State::Fault {
+            return false;
+        }
         match command {
             Command::ResetFault => true,
             Command::Control(word) => word.fault_reset() && !self.control_word.fault_reset(),
@@ -27,6 +31,7 @@ impl Drive {
                 self.drop_request();
                 Ok(())
             }
+            Command::ResetFault if self.state == State::FaultReactionActive => Err(Refusal::WrongState(self.state)),
             Command::ResetFault | Command::KeepAlive => Ok(()),
             Command::Control(word) => self.control_by(word),
             Command::Move { target, limits } => self.start_move(target, limits),
