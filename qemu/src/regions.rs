@@ -36,13 +36,17 @@ pub enum Class {
 impl Class {
     /// The class of a tick from what it gave; `was_on` and `is_on` are the bridge before and after, `config` is in use.
     pub fn of(config: &Config, was_on: bool, record: &TickRecord, outcome: Option<Outcome>, is_on: bool) -> Class {
+        let maxwell = config.compensator.kind == Compensator::NiasaMaxwell;
         match (was_on, is_on) {
             _ if outcome.is_some() => Class::Command,
             (false, false) => Class::Off,
-            (true, true) if record.flags & flags::FRAME_BAD == 0 => match config.compensator.kind {
-                Compensator::NiasaMaxwell => Class::Maxwell,
-                _ => Class::On,
-            },
+            (true, true) if record.flags & flags::FRAME_BAD == 0 => {
+                if maxwell {
+                    Class::Maxwell
+                } else {
+                    Class::On
+                }
+            }
             _ => Class::Event,
         }
     }
@@ -146,7 +150,7 @@ pub fn niasa_act(state: &mut OnDahl, config: &Config, situation: &Situation) -> 
 /// Settling statistics.
 #[inline(never)]
 pub fn settling_update(monitor: &mut Monitor, config: &Config, error_ct: i32) {
-    monitor.update(error_ct, &config.tolerances_ct);
+    monitor.update(error_ct, &config.tolerances_ct, config.window_ct);
 }
 
 /// Sine and cosine.

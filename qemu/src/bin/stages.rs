@@ -49,14 +49,7 @@ fn run() -> Result<Digest, Failure> {
         if matches!(command, Some(Command::ResetFault)) {
             current.clear_trip();
         }
-        let inputs = Inputs {
-            frame: tick.sample.frame,
-            iq_a: current.iq_a(),
-            over_current: current.is_tripped(),
-            bus_code: tick.sample.bus_code,
-            bridge_fault: tick.sample.bridge_fault,
-            last_tick_cycles: tick.sample.last_tick_cycles,
-        };
+        let inputs = Inputs::new(&tick.sample, &current);
         let output = regions::servo_tick(&mut drive, &inputs, command.as_ref());
         let k = drive.config().current;
         let bridge = regions::current_loop(&mut current, &k, &output.demand, tick.sample.phases, 0);
