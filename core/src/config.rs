@@ -4,6 +4,7 @@ use crate::cascade::{self, CascadeGains};
 pub use crate::compensator::Compensator;
 use crate::compensator::niasa::{self, DuringProfile, Schedule};
 use crate::compensator::{self, disturbance, feedforward, observer, scheduled};
+use crate::encoder::sincos;
 use crate::friction::{coulomb, dahl, gms, lugre, maxwell_slip, shaped_dahl, stribeck};
 use crate::parameters::Settings;
 use crate::position::Position;
@@ -18,6 +19,8 @@ pub struct Config {
     pub count_m: f64,
     /// Encoder reading at position 0.
     pub origin: u32,
+    /// Sine and cosine; `None`: BiSS-C.
+    pub sin_cos: Option<sincos::Coefficients>,
     /// Position of electrical angle 0, counts.
     pub commutation_zero: Position,
     /// Counts per electrical turn.
@@ -112,6 +115,11 @@ impl Config {
         Ok(Config {
             count_m,
             origin: s.encoder_origin_ct as u32,
+            sin_cos: (libm::round(s.encoder_kind) == 1.0).then(|| sincos::Coefficients {
+                correction: sincos::Correction::new(&s.signals()),
+                least2: (s.sincos_amplitude_min * s.sincos_amplitude_min) as f32,
+                most2: (s.sincos_amplitude_max * s.sincos_amplitude_max) as f32,
+            }),
             commutation_zero: nearest(-s.commutation_offset_m),
             turn_ct: to_ct(s.magnet_pitch_m) as i32,
             turns_per_ct: (count_m / s.magnet_pitch_m) as f32,

@@ -6,6 +6,7 @@ use crate::cascade;
 use crate::compensator::{Compensator, Memory, Situation};
 use crate::config::Config;
 use crate::current::Demand;
+use crate::encoder::sincos::{self, Sample};
 use crate::encoder::tracker::{FROZEN_AFTER, Tracker, Update};
 use crate::fault::{Fault, Reaction};
 use crate::monitor::Monitor;
@@ -23,7 +24,7 @@ const REST_TICKS: u32 = SERVO_HZ / 50;
 /// What the tick knows of the world.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Inputs {
-    /// Line bits of the encoder frame, see [`crate::encoder::biss::decode`].
+    /// What the encoder told, see [`crate::axis::ServoSample::frame`].
     pub frame: u64,
     /// Measured force-making current, A.
     pub iq_a: f32,
@@ -69,6 +70,8 @@ pub enum Command {
         /// Some of what differs may only change with the bridge off.
         needs_bridge_off: bool,
     },
+    /// Collect sine and cosine from now on, while the stage moves, for [`Drive::signal_fit`].
+    CollectSignals,
     /// The flash is going to be written: refused with torque on, and from then on torque is refused.
     BeginSave,
     /// The flash has been written, or could not be.
@@ -207,6 +210,17 @@ impl Drive {
         self.monitor.heat_a2()
     }
 
+    /// Sine and cosine as collected since [`Command::CollectSignals`]; `None` before it.
+    pub fn signal_fit(&self) -> Option<&sincos::Fit> {
+        self.tracker.interpolator().fit()
+    }
+
+    /// Health of sine and cosine: estimated sub-divisional error, peak, m; see [`sincos::Interpolator::error_periods`].
+    pub fn subdivisional_error_m(&self) -> Option<f64> {
+        let period_m = f64::from(sincos::PERIOD_CT) * self.config.count_m;
+        self.tracker.interpolator().error_periods().map(|periods| f64::from(periods) * period_m)
+    }
+
     /// The statusword (object 6041) after a tick; `record` is what the tick gave.
     pub fn status_word(&self, record: &TickRecord) -> u16 {
         let limits = flags::LIMITS.iter().fold(0, |bits, (bit, ..)| bits | bit);
@@ -235,7 +249,10 @@ impl Drive {
     /// Whatever is wrong, the bridge is off in the output of the tick that sees it.
     #[inline]
     pub fn tick(&mut self, inputs: &Inputs, command: Option<&Command>) -> Output {
-        let update = self.tracker.update(inputs.frame, self.config.origin);
+        let update = match &self.config.sin_cos {
+            None => self.tracker.update(inputs.frame, self.config.origin),
+            Some(k) => self.tracker.update_sin_cos(k, Sample::from_bits(inputs.frame)),
+        };
         self.bus_v = f32::from(inputs.bus_code) * self.config.bus_v_per_code;
         self.count(inputs);
 

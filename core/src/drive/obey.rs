@@ -54,6 +54,13 @@ impl Drive {
                 self.choose(compensator);
                 Ok(())
             }
+            Command::CollectSignals => {
+                if self.config.sin_cos.is_none() {
+                    return Err(Refusal::NoSignals);
+                }
+                self.tracker.collect();
+                Ok(())
+            }
             Command::Configure { ref config, needs_bridge_off } => self.configure(config, needs_bridge_off),
         }
     }
