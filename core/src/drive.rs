@@ -1,7 +1,11 @@
 //! The servo tick: everything the drive decides, 8,000 times a second.
 
+mod align;
 mod obey;
 
+pub use align::Commutation;
+
+use crate::alignment::Alignment;
 use crate::cascade;
 use crate::compensator::{Compensator, Memory, Situation};
 use crate::config::Config;
@@ -9,7 +13,7 @@ use crate::current::Demand;
 use crate::encoder::sincos::{self, Sample};
 use crate::encoder::tracker::{FROZEN_AFTER, Tracker, Update};
 use crate::fault::{Fault, Reaction};
-use crate::monitor::Monitor;
+use crate::monitor::{self, Monitor};
 use crate::position::{Position, saturate};
 use crate::profile::{Limits, Profile, Setpoint};
 use crate::record::{TickRecord, flags};
@@ -44,6 +48,8 @@ pub struct Inputs {
 pub enum Command {
     /// Close the loops at the present position, one state per tick up to Operation enabled.
     Enable,
+    /// Look for the motor's electrical zero, from state Switch on disabled back to it; see [`crate::alignment`].
+    Align,
     /// Bridge off at once.
     Disable,
     /// Acknowledge a fault.
@@ -125,6 +131,11 @@ pub struct Drive {
     tracker: Tracker,
     electrical_ct: i32,
     electrical_at: Position,
+    commutation: Commutation,
+    /// An alignment under way, or about to begin.
+    aligning: Option<Alignment>,
+    /// Its electrical angle, turns, and amplitude, A.
+    vector: Option<[f32; 2]>,
     profile: Profile,
     reference: Setpoint,
     error_ct: i32,
@@ -163,6 +174,9 @@ impl Drive {
             tracker: Tracker::default(),
             electrical_ct: 0,
             electrical_at: config.commutation_zero,
+            commutation: if config.commutation_stored { Commutation::Stored } else { Commutation::Unknown },
+            aligning: None,
+            vector: None,
             profile: Profile::at_rest(origin),
             reference: Profile::at_rest(origin).advance(),
             error_ct: 0,
@@ -303,6 +317,15 @@ impl Drive {
             self.error_ct = 0;
         }
         record.error_ct = self.error_ct;
+        if !self.steady
+            && let Some([turns, amps]) = self.vector
+        {
+            record.iq_set_a = amps;
+            record.flags |= flags::BRIDGE_ON | flags::ALIGNING;
+            let demand =
+                Demand { enabled: true, iq_a: amps, turns, turns_per_period: 0.0, per_bus_v: 1.0 / self.bus_v };
+            return Output { demand, record, outcome };
+        }
         self.control(&mut record, step_ct);
         let demand = Demand {
             enabled: true,
@@ -341,9 +364,24 @@ impl Drive {
         reset: bool,
         outcome: Option<Outcome>,
     ) -> Option<Outcome> {
+        if self.config.sin_cos.is_some() && !self.tracker.is_valid() {
+            // Where the stage is now, nobody knows.
+            self.commutation = Commutation::Unknown;
+        }
+        let misaligned = self.align(inputs.iq_a);
         let k = &self.config.monitor;
         let fault = if self.torque {
-            self.monitor.diagnose(k, self.counters.ticks, inputs, update, &self.tracker, error_ct)
+            // The current of an alignment is no force in its direction, and may shake a stage that something elastic holds.
+            let aligning = self.aligning.is_some();
+            let relaxed;
+            let k = if aligning {
+                relaxed = monitor::Coefficients { jump_ct: i32::MAX, ..*k };
+                &relaxed
+            } else {
+                k
+            };
+            let found = self.monitor.diagnose(k, self.counters.ticks, inputs, update, &self.tracker, error_ct);
+            found.filter(|fault| !aligning || *fault != Fault::WrongCommutation).or(misaligned)
         } else {
             self.monitor.check_off(k, inputs)
         };
@@ -354,7 +392,9 @@ impl Drive {
         let mut braking = self.torque && self.state == State::FaultReactionActive;
         if let Some(fault) = fault {
             match ramp {
-                Some(ramp_m_per_s2) if self.torque && fault.reaction() == Reaction::MayBrake => {
+                Some(ramp_m_per_s2)
+                    if self.torque && self.aligning.is_none() && fault.reaction() == Reaction::MayBrake =>
+                {
                     if !braking {
                         self.brake(ramp_m_per_s2);
                         braking = true;
@@ -362,7 +402,7 @@ impl Drive {
                 }
                 _ => braking = false,
             }
-            self.drop_request();
+            self.end_alignment();
         }
         let ready = self.tracker.is_valid() && self.bus_is_good();
         if self.climbing {
@@ -372,6 +412,7 @@ impl Drive {
             // Asked for, but not possible now: to be asked for again, or the bridge would go on at some later time.
             self.request = Request::SwitchOn;
             self.climbing = false;
+            self.aligning = None;
         }
         let released = match self.state {
             State::FaultReactionActive => !braking || self.is_at_rest(),
@@ -385,7 +426,9 @@ impl Drive {
         self.state = state::next(self.state, inputs);
         self.climbing &= self.state != State::OperationEnabled;
         self.torque = self.state.has_torque() || (self.state == State::FaultReactionActive && braking);
-        self.steady = self.state == State::OperationEnabled && self.request == Request::EnableOperation;
+        self.steady = self.state == State::OperationEnabled
+            && self.request == Request::EnableOperation
+            && self.aligning.is_none();
         if self.state == State::SwitchOnDisabled && !self.climbing {
             // A request that led here is spent: only a new one leads on.
             self.request = Request::DisableVoltage;
@@ -408,6 +451,7 @@ impl Drive {
         self.was_moving = false;
         self.settling.restart(true);
         self.monitor.restart(position);
+        self.begin_alignment(position);
         self.cascade.reset(0);
         self.nonlinear_n = 0.0;
         self.force_n = 0.0;

@@ -101,6 +101,7 @@ parameters! {
     0x010a sincos_phase_rad "rad" [-0.35, 0.35] 0.0, BridgeOff, "What the sine is ahead of its 90° from the cosine.";
     0x010b sincos_amplitude_min "" [0.1, 1.0] 0.6, BridgeOff, "A smaller amplitude, as a share of the nominal one, is a fault.";
     0x010c sincos_amplitude_max "" [1.0, 2.0] 1.3, BridgeOff, "A larger amplitude, as a share of the nominal one, is a fault.";
+    0x010d encoder_identity "" [0.0, 4_294_967_295.0] 0.0, BridgeOff, "Serial number of the absolute encoder: to be changed when it is.";
     0x0201 magnet_pitch_m "m" [1e-3, 1.0] 0.03, BridgeOff, "Length of one electrical turn of the motor (a pair of poles).";
     0x0202 commutation_offset_m "m" [-1.0, 1.0] 0.0, BridgeOff, "Added to the position before it becomes an electrical angle.";
     0x0203 force_constant_n_per_a "N/A" [0.1, 1000.0] 7.8, BridgeOff, "Force per ampere of the dq frame's q axis (peak).";
@@ -120,6 +121,9 @@ parameters! {
     0x0211 temperature_max_c "°C" [-50.0, 200.0] 80.0, BridgeOff, "Above this the bridge is off.";
     0x0212 continuous_current_a "A" [0.01, 200.0] 4.0, BridgeOff, "Current that the motor takes for ever; the thermal model allows more for a time.";
     0x0213 thermal_time_constant_s "s" [0.1, 1000.0] 10.0, BridgeOff, "Time constant of the motor's thermal model (i²t).";
+    0x0214 commutation_identity "" [-1.0, 4_294_967_295.0] 0.0, BridgeOff, "encoder_identity for which commutation_offset_m holds; with another one, −1 or an incremental encoder the motor is to be aligned before it is enabled.";
+    0x0215 alignment_current_a "A" [0.1, 200.0] 5.0, BridgeOff, "Amplitude of the current vector that looks for the electrical zero; at most current_limit_a.";
+    0x0216 alignment_travel_m "m" [1e-6, 0.01] 200e-6, BridgeOff, "The stage may go so far from where it was while the electrical zero is looked for.";
     0x0301 position_gain_per_s "1/s" [0.0, 1e5] 431.974_539_479_188_14, Always, "Position loop gain K_p.";
     0x0302 velocity_gain_n_s_per_m "N s/m" [1e-3, 1e6] 912.0, Always, "Velocity loop gain K_v; k_D of the parallel form.";
     0x0303 velocity_integral_per_s "1/s" [0.0, 1e5] 40.613_179_819_057_46, Always, "Integral rate K_i of the velocity loop.";
@@ -197,6 +201,7 @@ impl Settings {
             Refusal::check(Field::Parameter(parameter.id), parameter.get(self), parameter.min, parameter.max)?;
         }
         Refusal::check(Field::Parameter(0x020e), self.bus_max_v, self.bus_min_v, self.bus_full_scale_v)?;
+        Refusal::check(Field::Parameter(0x0215), self.alignment_current_a, 0.1, self.current_limit_a)?;
         Refusal::check(Field::Parameter(0x0209), self.over_current_a, self.current_limit_a, self.current_full_scale_a)?;
         Refusal::check(
             Field::Parameter(0x0211),
