@@ -38,17 +38,13 @@ pub enum Class {
 impl Class {
     /// The class of a tick from what it gave; `was_on` and `is_on` are the bridge before and after, `config` is in use.
     pub fn of(config: &Config, was_on: bool, record: &TickRecord, outcome: Option<Outcome>, is_on: bool) -> Class {
-        let maxwell = config.compensator.kind == Compensator::NiasaMaxwell;
         match (was_on, is_on) {
             _ if outcome.is_some() => Class::Command,
             (false, false) => Class::Off,
-            (true, true) if record.flags & flags::FRAME_BAD == 0 => {
-                if maxwell {
-                    Class::Maxwell
-                } else {
-                    Class::On
-                }
-            }
+            (true, true) if record.flags & flags::FRAME_BAD == 0 => match config.compensator.kind {
+                Compensator::NiasaMaxwell => Class::Maxwell,
+                _ => Class::On,
+            },
             _ => Class::Event,
         }
     }

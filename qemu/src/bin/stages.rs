@@ -14,11 +14,7 @@ use servo_core::compensator::Situation;
 use servo_core::compensator::niasa::OnDahl;
 use servo_core::config::Config;
 use servo_core::current::{CurrentLoop, Demand};
-use servo_core::drive::{Command, Drive, Inputs};
-use servo_core::encoder::sincos;
-use servo_core::encoder::tracker::Tracker;
-use servo_core::math;
-use servo_core::parameters::Settings;
+use servo_core::drive::{Drive, Inputs};
 use servo_core::position::Position;
 use servo_core::profile::{Profile, Setpoint};
 use servo_core::record::{TickRecord, flags};
@@ -50,7 +46,7 @@ fn run() -> Result<Digest, Failure> {
         }
         let command = script::command(number)?;
         let was_on = drive.state().has_torque();
-        if matches!(command, Some(Command::ResetFault)) {
+        if command.as_ref().is_some_and(|command| drive.is_reset(command)) {
             current.clear_trip();
         }
         let inputs = Inputs::new(&tick.sample, &current);
@@ -77,8 +73,6 @@ struct Stages {
     cascade: cascade::State,
     niasa: OnDahl,
     settling: Monitor,
-    tracker: Tracker,
-    sin_cos: sincos::Coefficients,
 }
 
 impl Stages {
@@ -89,18 +83,11 @@ impl Stages {
             cascade: cascade::State::default(),
             niasa: OnDahl::relaxed(at),
             settling: Monitor::default(),
-            tracker: Tracker::default(),
-            sin_cos: sincos::Coefficients {
-                correction: sincos::Correction::new(&Settings::default().signals()),
-                least2: 0.25,
-                most2: 2.0,
-            },
         }
     }
 
     fn follow(&mut self, config: &Config, tick: &Tick, record: &TickRecord, demand: &Demand) {
         let _ = black_box(regions::biss_decode(tick.sample.frame));
-        black_box(regions::sin_cos_position(&mut self.tracker, &self.sin_cos, signals(record.position)));
         if !demand.enabled {
             return;
         }
@@ -124,12 +111,4 @@ impl Stages {
         black_box(regions::niasa_act(&mut self.niasa, config, &situation));
         black_box(regions::sin_cos(demand.turns));
     }
-}
-
-/// What an encoder with sine and cosine would have told at a position.
-fn signals(position: Position) -> sincos::Sample {
-    let turns = (position.0 & 0xffff) as f32 / sincos::PERIOD_CT as f32;
-    let (sin, cos) = math::sin_cos_turns(turns);
-    let code = |share: f32| (32_768.0 + 24_576.0 * share) as u16;
-    sincos::Sample { sin: code(sin), cos: code(cos), edges: (position.0 >> 14) as u16 }
 }
