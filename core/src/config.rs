@@ -129,7 +129,7 @@ impl Config {
             // An incremental encoder begins somewhere else each time.
             commutation_stored: s.encoder_kind < 0.5 && s.commutation_identity == s.encoder_identity,
             alignment: alignment::Plan {
-                current_a: s.alignment_current_a as f32,
+                current_a: s.alignment_current_a.min(s.current_limit_a) as f32,
                 newtons_per_amp: s.force_constant_n_per_a as f32,
                 turns_per_ct: (count_m / s.magnet_pitch_m) as f32,
                 travel_max_ct: to_ct(s.alignment_travel_m).min(f64::from(i32::MAX)) as i32,

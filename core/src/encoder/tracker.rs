@@ -1,7 +1,7 @@
 //! A continuous position from absolute 32-bit readings, or from sine and cosine, through bad ones.
 
 use super::biss::{self, FrameError, Reading};
-use super::sincos::{self, Interpolator, SampleError};
+use super::sincos::{self, Interpolator};
 use crate::position::Position;
 
 /// Consecutive bad frames after which the encoder counts as lost.
@@ -30,8 +30,8 @@ pub enum Cause {
     Frame(FrameError),
     /// The encoder's own error bit.
     ErrorBit,
-    /// See [`SampleError`].
-    Signal(SampleError),
+    /// Any [`sincos::SampleError`].
+    Signal,
 }
 
 /// Extends the encoder's 32-bit reading, or its signal periods, to `i64` and bridges short losses.
@@ -50,7 +50,6 @@ pub struct Tracker {
     same: u16,
     /// The last movement that was none of those, counts.
     moved_ct: i32,
-    interpolator: Interpolator,
 }
 
 impl Tracker {
@@ -125,9 +124,14 @@ impl Tracker {
     /// The first good sample after start, or after a loss, puts the position within half a signal period of 0: where the stage is
     /// then, nobody knows.
     #[inline(never)]
-    pub fn update_sin_cos(&mut self, k: &sincos::Coefficients, sample: sincos::Sample) -> Update {
+    pub fn update_sin_cos(
+        &mut self,
+        interpolator: &mut Interpolator,
+        k: &sincos::Coefficients,
+        sample: sincos::Sample,
+    ) -> Update {
         let before = self.is_valid().then_some(self.measured);
-        match self.interpolator.update(k, sample, before) {
+        match interpolator.update(k, sample, before) {
             Ok(position) => {
                 match before.map(|before| position.minus(before)) {
                     Some(0) => self.same = self.same.saturating_add(1),
@@ -139,18 +143,8 @@ impl Tracker {
                 self.bad = 0;
                 Update::Measured
             }
-            Err(error) => self.hold(Cause::Signal(error)),
+            Err(_) => self.hold(Cause::Signal),
         }
-    }
-
-    /// What is known of sine and cosine.
-    pub fn interpolator(&self) -> &Interpolator {
-        &self.interpolator
-    }
-
-    /// Starts to collect sine and cosine for a new correction.
-    pub fn collect(&mut self) {
-        self.interpolator.collect();
     }
 
     /// Puts `position` in the place of a measurement that failed. The next good frame does not depend on it.
