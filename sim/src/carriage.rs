@@ -15,18 +15,24 @@ use crate::stage::Stage;
 pub struct Carriage {
     stage: Stage,
     seed: u64,
-    position_m: f64,
-    velocity_m_per_s: f64,
-    /// Displacement that the friction has not been told of: its force is taken in the middle of a step.
-    untold_m: f64,
-    /// The time it took.
-    untold_s: f64,
+    motion: Motion,
     friction: Friction,
     /// σ (N/m) and F_C (N) of the move.
     drawn: [f64; 2],
     encoder_noise: Noise,
+}
+
+/// Where the mass is and how it moves: few enough numbers to stay in registers over the internal steps of a period.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+struct Motion {
+    position_m: f64,
+    velocity_m_per_s: f64,
     /// In the last step.
     acceleration_m_per_s2: f64,
+    /// Displacement that the friction has not been told of: its force is taken in the middle of a step.
+    untold_m: f64,
+    /// The time it took.
+    untold_s: f64,
 }
 
 impl Carriage {
@@ -35,14 +41,10 @@ impl Carriage {
         Carriage {
             stage: *stage,
             seed,
-            position_m: 0.0,
-            velocity_m_per_s: 0.0,
-            untold_m: 0.0,
-            untold_s: 0.0,
+            motion: Motion::default(),
             friction: Friction::new(&stage.friction),
             drawn: [stage.friction.stiffness_n_per_m, stage.friction.coulomb_n],
             encoder_noise: Noise::new(seed, Purpose::Encoder, BEFORE_FIRST_MOVE),
-            acceleration_m_per_s2: 0.0,
         }
     }
 
@@ -74,37 +76,27 @@ impl Carriage {
     pub fn advance(&mut self, step: &Step, steps: u32, from_n: f64, to_n: f64) {
         let rise_n = (to_n - from_n) / f64::from(steps);
         let mut force_n = from_n + 0.5 * rise_n;
+        let mut motion = self.motion;
         for _ in 0..steps {
-            self.drift(step);
-            self.kick(step, force_n);
-            self.drift(step);
+            motion.drift(step);
+            motion.kick(step, &mut self.friction, force_n);
+            motion.drift(step);
             force_n += rise_n;
         }
+        self.motion = motion;
     }
 
     /// Moves for half a step with the present velocity; a hard stop takes the velocity away.
     #[inline]
     pub fn drift(&mut self, step: &Step) {
-        let mut moved_m = self.velocity_m_per_s * step.half_s;
-        if (self.position_m + moved_m).abs() > step.end_m {
-            moved_m = step.end_m.copysign(moved_m) - self.position_m;
-            self.velocity_m_per_s = 0.0;
-        }
-        self.position_m += moved_m;
-        self.untold_m += moved_m;
-        self.untold_s += step.half_s;
+        self.motion.drift(step);
     }
 
     /// Changes the velocity by a whole step of `force_n` and of the friction where the carriage is now: between two
     /// [`Carriage::drift`]s, a step of second order.
     #[inline]
     pub fn kick(&mut self, step: &Step, force_n: f64) {
-        let (dx_m, dt_s) = (std::mem::take(&mut self.untold_m), std::mem::take(&mut self.untold_s));
-        let stopping_n = force_n + step.n_s_per_m * self.velocity_m_per_s;
-        let friction_n = self.friction.resist(dx_m, dt_s, stopping_n);
-        let before_m_per_s = self.velocity_m_per_s;
-        self.velocity_m_per_s = step.glide * before_m_per_s + step.m_per_n_s * (force_n - friction_n);
-        self.acceleration_m_per_s2 = step.per_s * (self.velocity_m_per_s - before_m_per_s);
+        self.motion.kick(step, &mut self.friction, force_n);
     }
 
     /// A BiSS-C frame of the position a latency ago, with the noise of one reading: 64 line bits, first bit in bit 63.
@@ -112,7 +104,8 @@ impl Carriage {
     pub fn encoder_frame(&mut self) -> u64 {
         let scale = &self.stage.encoder;
         let ago_s = scale.latency_s;
-        let seen_m = self.position_m - ago_s * (self.velocity_m_per_s - 0.5 * ago_s * self.acceleration_m_per_s2);
+        let motion = &self.motion;
+        let seen_m = motion.position_m - ago_s * (motion.velocity_m_per_s - 0.5 * ago_s * motion.acceleration_m_per_s2);
         let position_m = seen_m + scale.noise_m_rms * self.encoder_noise.normal();
         encoder::frame(encoder::counts(position_m, scale.count_m), false, false, scale.acknowledge_bits)
     }
@@ -130,18 +123,18 @@ impl Carriage {
     /// True position, m, 0 in mid-travel.
     #[inline]
     pub fn position_m(&self) -> f64 {
-        self.position_m
+        self.motion.position_m
     }
 
     /// True velocity, m/s.
     #[inline]
     pub fn velocity_m_per_s(&self) -> f64 {
-        self.velocity_m_per_s
+        self.motion.velocity_m_per_s
     }
 
     /// Gives the carriage a velocity, m/s: a push that takes no time.
     pub fn set_velocity(&mut self, velocity_m_per_s: f64) {
-        self.velocity_m_per_s = velocity_m_per_s;
+        self.motion.velocity_m_per_s = velocity_m_per_s;
     }
 
     /// Dahl's σ (N/m) and F_C (N) of the present move: the truth that an identification looks for.
@@ -153,6 +146,36 @@ impl Carriage {
     pub fn friction_n(&self) -> f64 {
         self.friction.force_n()
     }
+}
+
+impl Motion {
+    #[inline]
+    fn drift(&mut self, step: &Step) {
+        let mut moved_m = self.velocity_m_per_s * step.half_s;
+        if (self.position_m + moved_m).abs() > step.end_m {
+            (moved_m, self.velocity_m_per_s) = against_the_end(step.end_m, moved_m, self.position_m);
+        }
+        self.position_m += moved_m;
+        self.untold_m += moved_m;
+        self.untold_s += step.half_s;
+    }
+
+    #[inline]
+    fn kick(&mut self, step: &Step, friction: &mut Friction, force_n: f64) {
+        let (dx_m, dt_s) = (std::mem::take(&mut self.untold_m), std::mem::take(&mut self.untold_s));
+        let stopping_n = force_n + step.n_s_per_m * self.velocity_m_per_s;
+        let friction_n = friction.resist(dx_m, dt_s, stopping_n);
+        let before_m_per_s = self.velocity_m_per_s;
+        self.velocity_m_per_s = step.glide * before_m_per_s + step.m_per_n_s * (force_n - friction_n);
+        self.acceleration_m_per_s2 = step.per_s * (self.velocity_m_per_s - before_m_per_s);
+    }
+}
+
+/// Displacement as far as the hard stop, m, and the velocity there. A function of its own, so that the velocity of a carriage that is
+/// elsewhere does not wait for the comparison.
+#[cold]
+fn against_the_end(end_m: f64, moved_m: f64, position_m: f64) -> (f64, f64) {
+    (end_m.copysign(moved_m) - position_m, 0.0)
 }
 
 /// What is the same in every internal step of one length.
