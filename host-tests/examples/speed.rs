@@ -62,7 +62,7 @@ impl Straightforward {
         let seen_m = self.position_m + stage.encoder.noise_m_rms * self.encoder_noise.normal();
         let count = encoder::counts(seen_m, stage.encoder.count_m);
         let inputs = Inputs {
-            frame: encoder::frame(count, false, false, stage.encoder.acknowledge_bits),
+            frame: encoder::frame(count, false, false, 1),
             iq_a: self.current_a as f32,
             over_current: false,
             bus_code: (stage.amplifier.bus_v / stage.adc.bus_full_scale_v * 65_536.0) as u16,

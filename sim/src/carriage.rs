@@ -2,10 +2,11 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::encoder;
+use crate::encoder::{self, sincos};
 use crate::friction::Friction;
 use crate::random::{BEFORE_FIRST_MOVE, Noise, Purpose};
 use crate::stage::Stage;
+use crate::stage::encoder::{Kind, SinCos};
 
 /// The mechanical half of the plant: a mass between hard stops on friction guides, and the encoder that looks at it.
 ///
@@ -25,6 +26,9 @@ pub struct Carriage {
     /// σ (N/m) and F_C (N) of the move.
     drawn: [f64; 2],
     encoder_noise: Noise,
+    sincos_noise: Noise,
+    /// Edges that the comparators of sine and cosine have counted.
+    edges: i64,
     /// In the last step.
     acceleration_m_per_s2: f64,
 }
@@ -42,6 +46,8 @@ impl Carriage {
             friction: Friction::new(&stage.friction),
             drawn: [stage.friction.stiffness_n_per_m, stage.friction.coulomb_n],
             encoder_noise: Noise::new(seed, Purpose::Encoder, BEFORE_FIRST_MOVE),
+            sincos_noise: Noise::new(seed, Purpose::SinCosAdc, BEFORE_FIRST_MOVE),
+            edges: 0,
             acceleration_m_per_s2: 0.0,
         }
     }
@@ -65,6 +71,7 @@ impl Carriage {
             self.friction.set(self.drawn[0], self.drawn[1]);
         }
         self.encoder_noise = noise(Purpose::Encoder);
+        self.sincos_noise = noise(Purpose::SinCosAdc);
     }
 
     /// Advances by `steps` internal steps under a force that goes from `from_n` to `to_n` in a straight line.
@@ -107,14 +114,43 @@ impl Carriage {
         self.acceleration_m_per_s2 = step.per_s * (self.velocity_m_per_s - before_m_per_s);
     }
 
-    /// A BiSS-C frame of the position a latency ago, with the noise of one reading: 64 line bits, first bit in bit 63.
+    /// What the encoder tells of the position a latency ago, with the noise of one reading, as 64 bits: the line bits of a BiSS-C
+    /// frame, first bit in bit 63, or [`sincos::Reading::bits`].
     #[inline]
     pub fn encoder_frame(&mut self) -> u64 {
+        let count_m = self.stage.encoder.count_m;
+        match self.stage.encoder.kind {
+            Kind::BissC { acknowledge_bits } => {
+                encoder::frame(encoder::counts(self.seen_m(), count_m), false, false, acknowledge_bits)
+            }
+            Kind::SinCos(signals) => self.sincos(&signals).bits(),
+        }
+    }
+
+    /// Sine and cosine at the converters and what the counter says; nothing if the encoder is of another kind.
+    pub fn encoder_signals(&mut self) -> Option<sincos::Reading> {
+        match self.stage.encoder.kind {
+            Kind::BissC { .. } => None,
+            Kind::SinCos(signals) => Some(self.sincos(&signals)),
+        }
+    }
+
+    fn sincos(&mut self, signals: &SinCos) -> sincos::Reading {
+        let period_m = self.stage.encoder.count_m * sincos::PERIOD_CT;
+        let periods = self.seen_m() / period_m;
+        let counted = periods + signals.counter_late_s * self.velocity_m_per_s / period_m;
+        self.edges = sincos::count(signals, self.edges, counted);
+        let pins = sincos::pins(signals, periods, self.stage.adc.noise_lsb_rms, &mut self.sincos_noise);
+        sincos::Reading { pins, edges: self.edges }
+    }
+
+    /// Position a latency ago, with the noise of one reading, m.
+    #[inline]
+    fn seen_m(&mut self) -> f64 {
         let scale = &self.stage.encoder;
         let ago_s = scale.latency_s;
         let seen_m = self.position_m - ago_s * (self.velocity_m_per_s - 0.5 * ago_s * self.acceleration_m_per_s2);
-        let position_m = seen_m + scale.noise_m_rms * self.encoder_noise.normal();
-        encoder::frame(encoder::counts(position_m, scale.count_m), false, false, scale.acknowledge_bits)
+        seen_m + scale.noise_m_rms * self.encoder_noise.normal()
     }
 
     /// The stage file's values.

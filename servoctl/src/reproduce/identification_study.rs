@@ -201,15 +201,19 @@ impl IdentificationStudy {
         let refused = self.groups.iter().flat_map(|group| &group.refused);
         let refused: String = refused.map(|(why, count)| format!("refused {count}: {why}\n")).collect();
         let notes: String = self.notes.iter().map(|note| format!("Note: {note}\n")).collect();
-        self.table("Table 1 (6.2): σ and F_C by frequency of the identification profile", &self.table_1)
-            + "\n"
-            + &self.table("Table 2 (6.3): identification profile and settling of 5 mm steps", &self.table_2)
-            + &refused
-            + "\n"
-            + &notes
+        let [by_frequency, by_method] = self.tables();
+        by_frequency.to_text() + "\n" + &by_method.to_text() + &refused + "\n" + &notes
     }
 
-    fn table(&self, what: &str, columns: &[Column]) -> String {
+    /// Tables 1 and 2, the thesis' numbers beside ours.
+    pub fn tables(&self) -> [Table; 2] {
+        [
+            self.table("σ and F_C by frequency of the identification profile", &self.table_1),
+            self.table("identification profile and settling of 5 mm steps", &self.table_2),
+        ]
+    }
+
+    fn table(&self, what: &str, columns: &[Column]) -> Table {
         let friction = &self.plant.friction;
         let caption = format!(
             "{what}: {}, {} places × {} runs, seed {}; PID 100 Hz / 45°; {} kg, {:?} friction; mean ± standard deviation",
@@ -222,6 +226,7 @@ impl IdentificationStudy {
             "found",
             "drawn",
             "bias / %",
+            "median error / %",
             "rms error / %",
             "covered / %",
             "fits",
@@ -246,7 +251,7 @@ impl IdentificationStudy {
                 ]);
             }
         }
-        table.to_text()
+        table
     }
 }
 
