@@ -3,6 +3,7 @@
 //! From it come the [`Settings`] struct, its validation, the wire ids and the names that a person types.
 
 use crate::encoder::sincos::Signals;
+use crate::position::Position;
 use crate::refusal::{Field, Refusal};
 
 /// When a parameter may change.
@@ -177,6 +178,13 @@ impl Settings {
             gain: self.sincos_gain,
             phase_rad: self.sincos_phase_rad,
         }
+    }
+
+    /// The same settings with the electrical zero at a position, as found with the encoder in use.
+    #[must_use]
+    pub fn with_commutation_zero(self, zero: Position) -> Settings {
+        let commutation_offset_m = -(zero.0 as f64) * self.encoder_count_m;
+        Settings { commutation_offset_m, commutation_identity: self.encoder_identity, ..self }
     }
 
     /// The same settings with sine and cosine as they have been found.

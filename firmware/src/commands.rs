@@ -10,7 +10,7 @@ use servo_board::watchdog::Client;
 use servo_core::capture::{Progress, WORDS_PER_SAMPLE};
 use servo_core::cascade::{CascadeGains, ParallelGains};
 use servo_core::config::{Compensator, Config};
-use servo_core::drive::{Command, Outcome};
+use servo_core::drive::{Command, Commutation, Outcome};
 use servo_core::parameters::{Access, Parameter, Settings, TABLE};
 use servo_core::position::Position;
 use servo_core::record::flags;
@@ -31,6 +31,8 @@ pub struct Commands {
     pub identity: Identity,
     /// Parameters in use.
     pub settings: Settings,
+    /// What was last known of the motor's electrical zero.
+    pub commutation: Commutation,
     /// Way into the control interrupts.
     pub commander: Commander,
     /// Way out of them.
@@ -81,6 +83,7 @@ impl Commands {
 
     async fn handle(&mut self, request: Request) -> Reply {
         self.tell_of_save().await;
+        self.take_commutation();
         let outcome = match request {
             Request::Identity => return Reply::Identity(self.identity),
             Request::Status => return Reply::Status(self.status()),
@@ -108,6 +111,7 @@ impl Commands {
             Request::Compensator(compensator) => self.choose(compensator).await,
             Request::Gains(gains) => self.set_gains(gains).await,
             Request::SetParameters(values) => self.set_parameters(&values).await,
+            Request::Align => self.commander.execute(Command::Align).await,
             Request::Capture(order) => self.commander.capture(order),
         };
         match outcome {
@@ -168,6 +172,17 @@ impl Commands {
         if self.storage.has_news() && self.commander.execute(Command::EndSave).await.is_ok() {
             self.storage.told();
         }
+    }
+
+    /// What an alignment has found is a parameter in use from then on, to be saved like the others.
+    fn take_commutation(&mut self) {
+        let commutation = self.latest.snapshot.get().commutation;
+        if commutation != self.commutation
+            && let Commutation::Found(zero) = commutation
+        {
+            self.settings = self.settings.with_commutation_zero(zero);
+        }
+        self.commutation = commutation;
     }
 
     async fn choose(&mut self, compensator: Compensator) -> Outcome {

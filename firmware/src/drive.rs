@@ -17,7 +17,7 @@ use servo_board::Control;
 use servo_core::axis::{Axis, ServoSample};
 use servo_core::capture;
 use servo_core::current::{Bridge, PhaseCodes};
-use servo_core::drive::{Command, Counters, Outcome};
+use servo_core::drive::{Command, Commutation, Counters, Outcome};
 use servo_core::record::TickRecord;
 use servo_core::refusal::Refusal;
 use servo_core::settling::Settling;
@@ -47,6 +47,8 @@ pub struct Snapshot {
     pub capture: capture::Progress,
     /// Records that found the queue full.
     pub records_dropped: u32,
+    /// What is known of the motor's electrical zero.
+    pub commutation: Commutation,
 }
 
 /// The interrupts' side: the axis and its ends of the queues.
@@ -98,6 +100,7 @@ impl Control for InInterrupts {
                 settling: drive.settling(),
                 capture: self.axis.capture().progress(),
                 records_dropped: self.records_dropped,
+                commutation: drive.commutation(),
             });
         }
         output.bridge

@@ -13,6 +13,7 @@ use defmt_rtt as _;
 use embassy_executor::{SpawnError, SpawnToken, Spawner};
 use servo_core::axis::Axis;
 use servo_core::config::Config;
+use servo_core::drive::Commutation;
 use servo_protocol::message::{Identity, PROTOCOL};
 use static_cell::StaticCell;
 
@@ -67,7 +68,13 @@ async fn main(spawner: Spawner) {
         serial: board.serial,
     };
     match board.link {
-        Ok(link) => spawn(&spawner, commands::run(link, Commands { identity, settings, commander, latest, storage })),
+        Ok(link) => spawn(
+            &spawner,
+            commands::run(
+                link,
+                Commands { identity, settings, commutation: Commutation::default(), commander, latest, storage },
+            ),
+        ),
         Err(error) => error!("no serial link: {}", error),
     }
     spawn(&spawner, storage::run(flash, store, storage));

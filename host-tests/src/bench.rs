@@ -24,8 +24,6 @@ pub struct Bench {
     /// The truth.
     pub plant: Plant,
     active: BridgeState,
-    /// Phases A and B of the motor are on each other's terminals.
-    exchanged: bool,
 }
 
 impl Bench {
@@ -39,7 +37,6 @@ impl Bench {
             axis: Axis::new(switched_on_at_zero(Config::new(settings)?)),
             plant: Plant::new(stage, seed),
             active: BridgeState { dead_time_s, ..BridgeState::OFF },
-            exchanged: false,
         })
     }
 
@@ -109,19 +106,11 @@ impl Bench {
         self.plant.advance(PERIOD_NS, &self.active);
         self.active.enabled = next.enabled;
         self.active.duty = next.compare.map(|on| f64::from(on) / f64::from(PWM_TOP));
-        if self.exchanged {
-            self.active.duty.swap(0, 1);
-        }
     }
 
     fn phases(&mut self) -> PhaseCodes {
         let [a, b] = self.plant.phase_codes();
-        if self.exchanged { PhaseCodes { a: b, b: a } } else { PhaseCodes { a, b } }
-    }
-
-    /// Wires the motor wrongly: phases A and B are on each other's terminals. The current sensors are the drive's.
-    pub fn exchange_phases_a_and_b(&mut self) {
-        self.exchanged = true;
+        PhaseCodes { a, b }
     }
 
     /// Gives a command in the next tick and returns the answer.

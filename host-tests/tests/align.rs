@@ -6,7 +6,6 @@ use servo_core::alignment::Reason;
 use servo_core::axis::ServoOutput;
 use servo_core::config::Config;
 use servo_core::drive::{Command, Commutation};
-use servo_core::encoder::biss;
 use servo_core::fault::Fault;
 use servo_core::parameters::Settings;
 use servo_core::position::Position;
@@ -16,7 +15,7 @@ use servo_core::refusal::Refusal;
 use servo_core::state::{ControlWord, State};
 use servo_core::{PWM_TOP, SERVO_HZ};
 use servo_host_tests::{Bench, tuning};
-use servo_sim::{Stage, encoder};
+use servo_sim::Stage;
 
 const PITCH_M: f64 = 0.03;
 const TRAVEL_M: f64 = 200e-6;
@@ -40,25 +39,13 @@ fn bench(stage: &Stage) -> Bench {
     bench
 }
 
-/// What can be wrong between drive and motor.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Wiring {
-    Good,
-    EncoderReversed,
-}
-
 /// Aligns; how far the stage was from its beginning at most, m, and the last output.
-fn align(bench: &mut Bench, wiring: Wiring) -> (f64, ServoOutput) {
+fn align(bench: &mut Bench) -> (f64, ServoOutput) {
     let began_m = bench.plant.position_m();
     let mut furthest_m: f64 = 0.0;
     let mut command = Some(Command::Align);
     for tick in 0..10 * SERVO_HZ {
-        let output = bench.tick_with(command.take(), |sample| {
-            if wiring == Wiring::EncoderReversed {
-                let counts = biss::decode(sample.frame).unwrap().counts;
-                sample.frame = encoder::frame(counts.wrapping_neg(), false, false, 12);
-            }
-        });
+        let output = bench.tick(command.take());
         let other = output.record.fault.filter(|fault| *fault != Fault::Alignment);
         assert_eq!(other, None, "after {tick} ticks, heat {} A²", bench.axis.drive().heat_a2());
         furthest_m = furthest_m.max((bench.plant.position_m() - began_m).abs());
@@ -86,7 +73,7 @@ fn from_36_angles_the_zero_is_found_to_a_twentieth_of_a_degree_within_the_travel
         let stage = stage(turns);
         let mut bench = bench(&stage);
         assert_eq!(bench.command(Command::Enable), Err(Refusal::NotAligned(None)));
-        let (furthest_m, output) = align(&mut bench, Wiring::Good);
+        let (furthest_m, output) = align(&mut bench);
         assert_eq!((output.record.fault, output.record.state), (None, State::SwitchOnDisabled), "{turns}");
         assert!(furthest_m <= TRAVEL_M, "{furthest_m} m at {turns}");
         let Commutation::Found(zero) = bench.axis.drive().commutation() else {
@@ -106,8 +93,8 @@ fn from_36_angles_the_zero_is_found_to_a_twentieth_of_a_degree_within_the_travel
 }
 
 /// The drive's refusal to enable after an alignment that failed with fault 25, the stage having stayed within its bound.
-fn refused(bench: &mut Bench, wiring: Wiring) -> Refusal {
-    let (furthest_m, output) = align(bench, wiring);
+fn refused(bench: &mut Bench) -> Refusal {
+    let (furthest_m, output) = align(bench);
     assert_eq!(output.record.fault, Some(Fault::Alignment));
     assert!(furthest_m <= 1.001 * TRAVEL_M, "{furthest_m} m");
     bench.run(2, |_| ());
@@ -123,7 +110,7 @@ fn a_blocked_stage_is_refused() {
         (clamped.friction.coulomb_n, clamped.friction.spread) = (1e3, None);
         stopped.mechanics.travel_m = 1e-6;
         for stage in [clamped, stopped] {
-            let found = refused(&mut bench(&stage), Wiring::Good);
+            let found = refused(&mut bench(&stage));
             assert_eq!(found, Refusal::NotAligned(Some(Reason::Blocked)), "{turns}");
         }
     });
@@ -132,7 +119,9 @@ fn a_blocked_stage_is_refused() {
 #[test]
 fn an_encoder_that_counts_backwards_is_refused() {
     in_parallel(12, |turns| {
-        let found = refused(&mut bench(&stage(turns)), Wiring::EncoderReversed);
+        let mut bench = bench(&stage(turns));
+        bench.plant.reverse_encoder();
+        let found = refused(&mut bench);
         assert_eq!(found, Refusal::NotAligned(Some(Reason::Reversed)), "{turns}");
     });
 }
@@ -141,8 +130,8 @@ fn an_encoder_that_counts_backwards_is_refused() {
 fn two_exchanged_phases_are_refused() {
     in_parallel(12, |turns| {
         let mut bench = bench(&stage(turns));
-        bench.exchange_phases_a_and_b();
-        assert_eq!(refused(&mut bench, Wiring::Good), Refusal::NotAligned(Some(Reason::Reversed)), "{turns}");
+        bench.plant.exchange_phases();
+        assert_eq!(refused(&mut bench), Refusal::NotAligned(Some(Reason::Reversed)), "{turns}");
     });
 }
 
@@ -152,7 +141,7 @@ fn an_open_phase_is_refused_before_the_stage_has_moved_by_a_micrometre() {
         for open in 0..3 {
             let mut bench = bench(&stage(turns));
             bench.plant.set_open_phase(Some(open));
-            let (furthest_m, output) = align(&mut bench, Wiring::Good);
+            let (furthest_m, output) = align(&mut bench);
             assert_eq!(output.record.fault, Some(Fault::Alignment), "phase {open} at {turns}");
             assert_eq!(
                 bench.axis.drive().commutation(),
@@ -238,7 +227,7 @@ fn an_incremental_encoder_is_aligned_after_every_start_and_loses_it_with_its_pos
     bench.command(Command::Configure { config, needs_bridge_off: true }).unwrap();
     bench.run(5, |_| ());
     assert_eq!(bench.command(Command::Enable), Err(Refusal::NotAligned(None)));
-    let (_, output) = align(&mut bench, Wiring::Good);
+    let (_, output) = align(&mut bench);
     assert_eq!(output.record.fault, None);
     bench.enable().unwrap();
     bench.command(Command::Disable).unwrap();

@@ -82,6 +82,8 @@ pub enum Request {
     ResetParameters,
     /// [`Reply::ParameterStore`].
     ParameterStore,
+    /// Look for the motor's electrical zero; the bridge is off when it has ended. What is found becomes a parameter, what fails a fault.
+    Align,
 }
 
 /// What the drive answers.

@@ -24,6 +24,8 @@ pub struct Carriage {
     drawn: [f64; 2],
     encoder_noise: Noise,
     sincos_noise: Noise,
+    /// 1, or −1 if the encoder counts backwards.
+    encoder_direction: f64,
     /// Edges that the comparators of sine and cosine have counted.
     edges: i64,
 }
@@ -54,6 +56,7 @@ impl Carriage {
             encoder_noise: Noise::new(seed, Purpose::Encoder, BEFORE_FIRST_MOVE),
             sincos_noise: Noise::new(seed, Purpose::SinCosAdc, BEFORE_FIRST_MOVE),
             edges: 0,
+            encoder_direction: 1.0,
         }
     }
 
@@ -133,7 +136,8 @@ impl Carriage {
     fn sincos(&mut self, signals: &SinCos) -> sincos::Reading {
         let period_m = self.stage.encoder.count_m * sincos::PERIOD_CT;
         let periods = self.seen_m() / period_m;
-        let counted = periods + signals.counter_late_s * self.motion.velocity_m_per_s / period_m;
+        let counted =
+            periods + signals.counter_late_s * self.encoder_direction * self.motion.velocity_m_per_s / period_m;
         self.edges = sincos::count(signals, self.edges, counted);
         let pins = sincos::pins(signals, periods, self.stage.adc.noise_lsb_rms, &mut self.sincos_noise);
         sincos::Reading { pins, edges: self.edges }
@@ -146,7 +150,7 @@ impl Carriage {
         let ago_s = scale.latency_s;
         let motion = &self.motion;
         let seen_m = motion.position_m - ago_s * (motion.velocity_m_per_s - 0.5 * ago_s * motion.acceleration_m_per_s2);
-        seen_m + scale.noise_m_rms * self.encoder_noise.normal()
+        self.encoder_direction * seen_m + scale.noise_m_rms * self.encoder_noise.normal()
     }
 
     /// The stage file's values.
@@ -169,6 +173,11 @@ impl Carriage {
     #[inline]
     pub fn velocity_m_per_s(&self) -> f64 {
         self.motion.velocity_m_per_s
+    }
+
+    /// Turns the encoder's direction: it counts down where the motor's positive force leads.
+    pub fn reverse_encoder(&mut self) {
+        self.encoder_direction = -self.encoder_direction;
     }
 
     /// Gives the carriage a velocity, m/s: a push that takes no time.

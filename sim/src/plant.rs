@@ -21,6 +21,8 @@ pub struct Plant {
     motor: Motor,
     phase_noise: Noise,
     slow_noise: Noise,
+    /// Phases A and B of the motor are on each other's terminals.
+    exchanged: bool,
 }
 
 impl Plant {
@@ -33,6 +35,7 @@ impl Plant {
             motor: Motor::new(stage),
             phase_noise: noise(Purpose::PhaseAdc),
             slow_noise: noise(Purpose::SlowAdc),
+            exchanged: false,
         }
     }
 
@@ -51,6 +54,8 @@ impl Plant {
     fn advance_in_steps(&mut self, dt_ns: u64, bridge: &BridgeState, longest_ns: u64) {
         let steps = dt_ns.div_ceil(longest_ns);
         let dt_s = dt_ns as f64 * 1e-9 / steps as f64;
+        let [a, b, c] = bridge.duty;
+        let bridge = if self.exchanged { &BridgeState { duty: [b, a, c], ..*bridge } } else { bridge };
         let step = Step::new(self.stage(), bridge, dt_s);
         for _ in 0..steps {
             self.step(&step);
@@ -66,6 +71,16 @@ impl Plant {
         self.carriage.drift(&step.carriage);
     }
 
+    /// Wires the motor wrongly: its phases A and B are on each other's terminals, where the current sensors are.
+    pub fn exchange_phases(&mut self) {
+        self.exchanged = true;
+    }
+
+    /// [`Carriage::reverse_encoder`].
+    pub fn reverse_encoder(&mut self) {
+        self.carriage.reverse_encoder();
+    }
+
     /// [`Motor::set_open_phase`].
     pub fn set_open_phase(&mut self, phase: Option<usize>) {
         self.motor.set_open_phase(phase);
@@ -79,7 +94,7 @@ impl Plant {
     /// The pins of the phase A and B current channels, each with the noise of one conversion, as a fraction of full scale
     /// in `0.0..=1.0`: 0.5 at 0 A, 1.0 at `full_scale_a` into the motor.
     pub fn phase_adc(&mut self) -> [f64; 2] {
-        let [a, b, _] = self.motor.currents_a();
+        let [a, b, _] = self.currents_a();
         [a, b].map(|current_a| {
             adc::bipolar(
                 current_a,
@@ -144,9 +159,10 @@ impl Plant {
         self.force_n
     }
 
-    /// Current into phases A, B, C, A.
+    /// Current out of the terminals A, B, C, A.
     pub fn currents_a(&self) -> [f64; 3] {
-        self.motor.currents_a()
+        let [a, b, c] = self.motor.currents_a();
+        if self.exchanged { [b, a, c] } else { [a, b, c] }
     }
 }
 

@@ -7,11 +7,12 @@ use crate::position::Position;
 use crate::profile::Profile;
 
 /// What is known of the electrical zero.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Commutation {
     /// Nothing: there is no offset for this encoder, or the encoder is one that does not know where it is.
+    #[default]
     Unknown,
     /// Nothing: the last alignment failed.
     Failed(Reason),
@@ -49,7 +50,9 @@ impl Drive {
             }
             Step::Found { at, turns } => {
                 let past_zero_ct = (turns * self.config.turn_ct as f32) as i64;
-                let zero = at.plus(-past_zero_ct);
+                // The zero next to position 0: within the range of its parameter, wherever the stage is.
+                let turn_ct = i64::from(self.config.turn_ct);
+                let zero = Position((at.0 - past_zero_ct).checked_rem_euclid(turn_ct).unwrap_or(0));
                 self.config.commutation_zero = zero;
                 self.begin_angle();
                 self.commutation = Commutation::Found(zero);

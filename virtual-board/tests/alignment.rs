@@ -1,0 +1,110 @@
+//! The firmware looks for the motor's electrical zero on the virtual board.
+
+mod common;
+
+use std::time::Duration;
+
+use servo_core::alignment::Reason;
+use servo_core::fault::Fault;
+use servo_core::parameters::{Parameter, Settings};
+use servo_core::refusal::Refusal;
+use servo_core::state::State;
+use servo_protocol::message::{Reply, Request, Status};
+use servo_sim::{Plant, Stage};
+use servo_virtual_board::Session;
+
+const PITCH_M: f64 = 0.03;
+const TRAVEL_M: f64 = 200e-6;
+/// An alignment takes 7.0 s.
+const PATIENCE: Duration = Duration::from_secs(8);
+
+/// A drive that has been told that its offset is not this encoder's, on a stage whose magnets are at `turns` in mid-travel.
+fn session(mut stage: Stage, turns: f64, wire: fn(&mut Plant)) -> Session {
+    let mut session = Session::new(common::board());
+    stage.motor.commutation_offset_m = turns * PITCH_M;
+    let put = move |plant: &mut Plant| {
+        *plant = Plant::new(&stage, 1);
+        wire(plant);
+    };
+    session.board.with_plant(put).unwrap();
+    session.configure(&Settings { commutation_identity: -1.0, ..Settings::default() }).unwrap();
+    session
+}
+
+fn refusal(session: &mut Session, request: &Request) -> Refusal {
+    match session.ask(request).unwrap() {
+        Reply::Refused(refusal) => refusal,
+        other => panic!("{request:?} was answered by {other:?}"),
+    }
+}
+
+/// Aligns; the status at the end, and how far the stage was from its beginning at most, m.
+fn align(session: &mut Session) -> (Status, f64) {
+    session.board.start_trace().unwrap();
+    session.order(&Request::Align).unwrap();
+    let give_up_ns = session.board.time_ns() + PATIENCE.as_nanos() as u64;
+    let status = loop {
+        session.board.run_for(Duration::from_millis(50)).unwrap();
+        let status = session.status().unwrap();
+        if matches!(status.state, State::SwitchOnDisabled | State::Fault) {
+            break status;
+        }
+        assert!(session.board.time_ns() < give_up_ns, "{status:?}");
+    };
+    assert!(!session.board.bridge_enabled().unwrap());
+    let trace = session.board.take_trace().unwrap();
+    (status, trace.iter().map(|truth| truth.position_m.abs()).fold(0.0, f64::max))
+}
+
+fn value(session: &mut Session, name: &str) -> f64 {
+    let id = Parameter::by_name(name).unwrap().id;
+    match session.ask(&Request::GetParameter(id)).unwrap() {
+        Reply::Parameter { value, .. } => value,
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn a_motor_at_any_angle_is_aligned_and_its_offset_is_a_parameter_that_is_saved_with_the_others() {
+    for turns in [0.13, 0.5, 0.87] {
+        let mut session = session(Stage::default(), turns, |_| ());
+        assert_eq!(refusal(&mut session, &Request::Enable), Refusal::NotAligned(None));
+        let (status, furthest_m) = align(&mut session);
+        assert_eq!((status.state, status.fault), (State::SwitchOnDisabled, None), "{turns}");
+        assert!(furthest_m <= TRAVEL_M, "{furthest_m} m at {turns}");
+
+        let found_turns = value(&mut session, "commutation_offset_m") / PITCH_M;
+        let wrong = (found_turns - turns + 0.5).rem_euclid(1.0) - 0.5;
+        assert!(wrong.abs() < 0.05 / 360.0, "{} degrees at {turns}", wrong * 360.0);
+        assert_eq!(value(&mut session, "commutation_identity"), 0.0);
+        if turns == 0.5 {
+            session.save_parameters().unwrap();
+        }
+        session.order(&Request::Enable).unwrap();
+        session.board.run_for(Duration::from_millis(50)).unwrap();
+        assert_eq!(session.status().unwrap().state, State::OperationEnabled);
+        session.board.check_told().unwrap();
+    }
+}
+
+#[test]
+fn what_is_wrong_with_stage_motor_or_encoder_is_refused_by_name() {
+    let mut blocked = Stage::default();
+    blocked.mechanics.travel_m = 1e-6;
+    let good = Stage::default();
+    let cases: [(&str, Stage, fn(&mut Plant), Reason); 4] = [
+        ("blocked stage", blocked, |_| (), Reason::Blocked),
+        ("reversed phases", good, Plant::exchange_phases, Reason::Reversed),
+        ("encoder reversed", good, Plant::reverse_encoder, Reason::Reversed),
+        ("open phase", good, |plant| plant.set_open_phase(Some(1)), Reason::NoCurrent),
+    ];
+    for (what, stage, wire, reason) in cases {
+        let mut session = session(stage, 0.3, wire);
+        let (status, furthest_m) = align(&mut session);
+        assert_eq!((status.state, status.fault), (State::Fault, Some(Fault::Alignment)), "{what}");
+        assert!(furthest_m <= 1.001 * TRAVEL_M, "{furthest_m} m, {what}");
+        session.order(&Request::ResetFault).unwrap();
+        session.board.run_for(Duration::from_millis(20)).unwrap();
+        assert_eq!(refusal(&mut session, &Request::Enable), Refusal::NotAligned(Some(reason)), "{what}");
+    }
+}
