@@ -1,7 +1,7 @@
 //! The recorded run: complete, repeatable, and with the bits that were agreed upon.
 
 use servo_core::axis::{Axis, ServoSample};
-use servo_core::config::Config;
+use servo_core::config::{Compensator, Config};
 use servo_core::current::PhaseCodes;
 use servo_core::fault::Fault;
 use servo_core::record::flags;
@@ -43,6 +43,7 @@ fn the_run_has_the_agreed_bits_and_its_recording_gives_them_again() {
 fn the_run_passes_through_what_it_is_meant_to_cover() {
     let (ticks, _) = golden::record().unwrap();
     let mut axis = Axis::new(Config::new(&script::settings()).unwrap());
+    let mut at_work = Vec::new();
     let (mut seen_flags, mut faults, mut refusals, mut captured) = (0, Vec::new(), 0, 0);
     for (number, tick) in (0..).zip(&ticks) {
         if number == script::CAPTURE_TICK {
@@ -52,6 +53,10 @@ fn the_run_passes_through_what_it_is_meant_to_cover() {
         for phases in tick.phases {
             axis.on_period(phases);
         }
+        let kind = axis.drive().config().compensator.kind;
+        if output.record.flags & flags::BRIDGE_ON != 0 && !at_work.contains(&kind) {
+            at_work.push(kind);
+        }
         seen_flags |= output.record.flags;
         refusals += u32::from(matches!(output.outcome, Some(Err(_))));
         captured += u32::from(output.sample.is_some());
@@ -59,6 +64,7 @@ fn the_run_passes_through_what_it_is_meant_to_cover() {
             faults.push(fault);
         }
     }
+    assert_eq!(at_work.len(), Compensator::ALL.len(), "only {at_work:?} with the bridge on");
     let all = flags::MOVING | flags::FORCE_LIMITED | flags::RATE_LIMITED | flags::COMPENSATED | flags::FRAME_BAD;
     assert_eq!(seen_flags & all, all);
     assert_eq!(faults, [Fault::EncoderLost, Fault::OverCurrent, Fault::BusUnderVoltage, Fault::FollowingError]);

@@ -9,7 +9,7 @@ use servo_core::axis::{Axis, ServoOutput, ServoSample};
 use servo_core::cascade;
 use servo_core::compensator::niasa::OnDahl;
 use servo_core::compensator::{Action, Situation};
-use servo_core::config::Config;
+use servo_core::config::{Compensator, Config};
 use servo_core::current::{self, Bridge, CurrentLoop, Demand, PhaseCodes};
 use servo_core::drive::{Command, Drive, Inputs, Outcome, Output};
 use servo_core::encoder::biss::{self, FrameError, Reading};
@@ -23,6 +23,8 @@ use servo_core::settling::Monitor;
 pub enum Class {
     /// Nothing but control: bridge on before and after, a good frame, no command.
     On,
+    /// The same with NIASA on a Maxwell-slip model: twelve elements a tick.
+    Maxwell,
     /// A command was answered.
     Command,
     /// The bridge was turned on or off, or the frame was bad.
@@ -32,12 +34,15 @@ pub enum Class {
 }
 
 impl Class {
-    /// The class of a tick from what it gave; `was_on` and `is_on` are the bridge before and after.
-    pub fn of(was_on: bool, record: &TickRecord, outcome: Option<Outcome>, is_on: bool) -> Class {
+    /// The class of a tick from what it gave; `was_on` and `is_on` are the bridge before and after, `config` is in use.
+    pub fn of(config: &Config, was_on: bool, record: &TickRecord, outcome: Option<Outcome>, is_on: bool) -> Class {
         match (was_on, is_on) {
             _ if outcome.is_some() => Class::Command,
             (false, false) => Class::Off,
-            (true, true) if record.flags & flags::FRAME_BAD == 0 => Class::On,
+            (true, true) if record.flags & flags::FRAME_BAD == 0 => match config.compensator.kind {
+                Compensator::NiasaMaxwell => Class::Maxwell,
+                _ => Class::On,
+            },
             _ => Class::Event,
         }
     }
@@ -46,6 +51,7 @@ impl Class {
     pub fn tell(self) {
         match self {
             Class::On => class_on(),
+            Class::Maxwell => class_maxwell(),
             Class::Command => class_command(),
             Class::Event => class_event(),
             Class::Off => class_off(),
@@ -57,6 +63,12 @@ impl Class {
 #[inline(never)]
 pub fn class_on() {
     black_box(1);
+}
+
+/// See [`Class::Maxwell`].
+#[inline(never)]
+pub fn class_maxwell() {
+    black_box(5);
 }
 
 /// See [`Class::Command`].

@@ -39,7 +39,8 @@ pub fn command(tick: u32) -> Result<Option<Command>, Refusal> {
     let fed_forward = Settings { feedforward_mass_kg: 1.8, ..settings() };
     let compensated = Settings { compensator: 1.0, ..fed_forward };
     let always = Settings { niasa_frozen_in_profile: 0.0, niasa_with_proportional: 0.0, ..compensated };
-    let retuned = Settings { current_bandwidth_hz: 2_000.0, ..compensated };
+    // Little current: what the stage gains from stuck frames it has lost when the drive is enabled again.
+    let retuned = Settings { current_bandwidth_hz: 2_000.0, current_limit_a: 0.2, ..compensated };
     Ok(Some(match tick {
         3 => go(FIVE_MM, 0.5, 1.0), // refused: bridge off
         4 => Command::Stop,
@@ -67,14 +68,14 @@ pub fn command(tick: u32) -> Result<Option<Command>, Refusal> {
         4_040 => Command::Enable,
         4_160 => Command::ResetFault, // under-voltage at 4,150
         4_170 => Command::Enable,
-        4_300 => go(HOME, 0.5, 10.0),
+        4_300 => go(HOME, 0.02, 10.0),
         4_600 => Command::ResetFault, // frames stuck from 4,310 on
         4_610 => Command::Enable,
-        // Every compensator in turn, from one short move to the next.
+        // Every compensator in turn, each with a short move of its own.
         4_620..4_790 if tick.is_multiple_of(20) => {
             Command::Compensator(Compensator::ALL[(tick as usize - 4_620) / 20 % 8])
         }
-        4_621 => go(Position(-163_840), 0.5, 1.0),
+        4_620..4_790 if tick % 20 == 1 => go(Position(if tick % 40 == 1 { 15_120_000 } else { 15_136_384 }), 0.5, 10.0),
         4_800 => Command::Disable,
         _ => return Ok(None),
     }))

@@ -1,5 +1,6 @@
 //! Dahl friction (2.5 with shape factor 1) from one velocity reversal to the next, in closed form.
 
+use super::reversal::Branch;
 use crate::position::Position;
 
 /// Parameters, in the units of the tick.
@@ -18,14 +19,9 @@ pub struct Coefficients {
 /// The model's memory: friction since the last reversal is a function of the distance from there (7.5).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Dahl {
-    /// Where the last reversal was.
-    anchor: Position,
-    /// Friction force there, N.
+    branch: Branch,
+    /// Friction force where it began, N.
     anchor_force_n: f32,
-    /// The furthest position since.
-    extreme: Position,
-    /// Direction of motion: +1 or −1.
-    direction: f32,
     force_n: f32,
     slope_n_per_m: f32,
 }
@@ -33,14 +29,7 @@ pub struct Dahl {
 impl Dahl {
     /// Relaxed (no friction force) at `position`.
     pub fn relaxed(position: Position) -> Self {
-        Dahl {
-            anchor: position,
-            anchor_force_n: 0.0,
-            extreme: position,
-            direction: 1.0,
-            force_n: 0.0,
-            slope_n_per_m: 0.0,
-        }
+        Dahl { branch: Branch::starting_at(position), anchor_force_n: 0.0, force_n: 0.0, slope_n_per_m: 0.0 }
     }
 
     /// Modelled friction force F̂, N, within ±F_C.
@@ -58,30 +47,21 @@ impl Dahl {
     /// Takes the measured position of this tick.
     ///
     /// `F̂ = s·F_C − (s·F_C − F_0) e^(−σ/F_C·s·(x − x_0))`, `dF̂/dx = σ (1 − s·F_0/F_C) e^(…)` with `s = ±1` the direction,
-    /// `x_0`, `F_0` place and force of the last reversal. `x` is the extreme reached since, so that encoder noise moves neither
-    /// force nor slope back; coming back from it by more than the hysteresis *is* the reversal.
+    /// `x_0`, `F_0` place and force of the last reversal. `x` is the extreme reached since (see `reversal`).
     ///
     /// # Source
     /// (7.5), (7.39)/(7.40) corrected (factor σ), App. E corrected: measured position instead of position error, reversal with
     /// hysteresis instead of the sign of the raw velocity.
     #[inline]
     pub fn update(&mut self, k: &Coefficients, position: Position) {
-        let forward = self.direction > 0.0;
-        let ahead_ct = if forward { position.minus(self.extreme) } else { self.extreme.minus(position) };
-        if ahead_ct > 0 {
-            self.extreme = position;
-        } else if ahead_ct < -k.hysteresis_ct {
-            self.anchor = self.extreme;
+        if self.branch.follow(position, k.hysteresis_ct).is_some() {
             self.anchor_force_n = self.force_n.clamp(-k.coulomb_n, k.coulomb_n);
-            self.direction = -self.direction;
-            self.extreme = position;
         }
-        let travel_ct =
-            if self.direction > 0.0 { self.extreme.minus(self.anchor) } else { self.anchor.minus(self.extreme) };
-        let decay = libm::expf(-k.exponent_per_ct * travel_ct as f32);
+        let direction = self.branch.direction();
+        let decay = libm::expf(-k.exponent_per_ct * self.branch.travel_ct() as f32);
         // s·F_C − F_0, turned into the direction of motion: what is left to Coulomb friction at the reversal.
-        let left_n = (k.coulomb_n - self.direction * self.anchor_force_n) * decay;
-        self.force_n = self.direction * (k.coulomb_n - left_n);
+        let left_n = (k.coulomb_n - direction * self.anchor_force_n) * decay;
+        self.force_n = direction * (k.coulomb_n - left_n);
         self.slope_n_per_m = left_n * (k.stiffness_n_per_m / k.coulomb_n);
     }
 }

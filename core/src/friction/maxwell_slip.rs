@@ -1,5 +1,6 @@
 //! Maxwell-slip friction (A.3 to A.5) from one velocity reversal of the measured position to the next.
 
+use super::reversal::Branch;
 use crate::position::Position;
 
 /// The most elements a model can have. Every step computes all of them: its time does not depend on their number.
@@ -49,6 +50,11 @@ impl Elements {
         elements
     }
 
+    fn iter(&self) -> impl Iterator<Item = Element> {
+        let pairs = self.stiffness_n_per_m.iter().zip(&self.saturation_n);
+        pairs.map(|(stiffness, saturation)| Element { stiffness_n_per_m: *stiffness, saturation_n: *saturation })
+    }
+
     /// Stiffness of all elements together, N/m: small motions see it, and half of it is the σ of a Dahl model.
     pub fn total_stiffness_n_per_m(&self) -> f32 {
         self.stiffness_n_per_m.iter().sum()
@@ -71,19 +77,12 @@ pub struct Coefficients {
     pub hysteresis_ct: i32,
 }
 
-/// The model's memory: the force of each element at the last reversal, and how far the axis has come since.
+/// The model's memory: what each element held at the last reversal, and how far the axis has come since.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MaxwellSlip {
-    /// Where the last reversal was.
-    anchor: Position,
-    /// Forces of the elements there, N.
+    branch: Branch,
+    /// Forces of the elements where it began, in the direction of the branch, N.
     anchor_n: [f32; MAX_ELEMENTS],
-    /// The furthest position since.
-    extreme: Position,
-    /// Direction of motion: +1 or −1.
-    direction: f32,
-    /// Forces of the elements at the extreme, N.
-    element_n: [f32; MAX_ELEMENTS],
     force_n: f32,
     slope_n_per_m: f32,
 }
@@ -92,11 +91,8 @@ impl MaxwellSlip {
     /// Relaxed (no friction force in any element) at `position`.
     pub fn relaxed(position: Position) -> Self {
         MaxwellSlip {
-            anchor: position,
+            branch: Branch::starting_at(position),
             anchor_n: [0.0; MAX_ELEMENTS],
-            extreme: position,
-            direction: 1.0,
-            element_n: [0.0; MAX_ELEMENTS],
             force_n: 0.0,
             slope_n_per_m: 0.0,
         }
@@ -116,41 +112,47 @@ impl MaxwellSlip {
 
     /// Takes the measured position of this tick.
     ///
-    /// `F_i = min(F_i0 + k_i s (x − x_0), F_i^sat)` in the direction of motion `s = ±1`, with place and forces of the last reversal
-    /// `x_0`, `F_i0`. As in [`super::dahl`], `x` is the extreme reached since, so that encoder noise moves neither force nor slope
-    /// back, and coming back from it by more than the hysteresis *is* the reversal. What the elements remember of earlier reversals
-    /// is what they hold.
+    /// `s F_i = min(s F_i0 + k_i s (x − x_0), F_i^sat)` in the direction of motion `s = ±1`, with place and forces of the last
+    /// reversal `x_0`, `F_i0`; `x` is the extreme reached since (see `reversal`). What the elements remember of earlier reversals is
+    /// what they held there.
     ///
     /// # Source
     /// (A.3), (A.4) corrected (the elements have memory).
     #[inline]
     pub fn update(&mut self, k: &Coefficients, position: Position) {
-        let forward = self.direction > 0.0;
-        let ahead_ct = if forward { position.minus(self.extreme) } else { self.extreme.minus(position) };
-        if ahead_ct > 0 {
-            self.extreme = position;
-        } else if ahead_ct < -k.hysteresis_ct {
-            self.anchor = self.extreme;
-            self.anchor_n = self.element_n;
-            self.direction = -self.direction;
-            self.extreme = position;
-        }
-        let travel_ct =
-            if self.direction > 0.0 { self.extreme.minus(self.anchor) } else { self.anchor.minus(self.extreme) };
-        let travel_m = travel_ct as f32 * k.count_m;
-        let (mut force_n, mut slope_n_per_m) = (0.0, 0.0);
-        let elements = k.elements.stiffness_n_per_m.iter().zip(&k.elements.saturation_n);
-        for ((stiffness, saturation), (from_n, now_n)) in elements.zip(self.anchor_n.iter().zip(&mut self.element_n)) {
-            // New coefficients may have less room than an element holds.
-            let tried_n = (self.direction * from_n).max(-saturation) + stiffness * travel_m;
-            if tried_n < *saturation {
-                slope_n_per_m += stiffness;
+        if let Some(travelled_ct) = self.branch.follow(position, k.hysteresis_ct) {
+            let travelled_m = travelled_ct as f32 * k.count_m;
+            for (held_n, element) in self.anchor_n.iter_mut().zip(k.elements.iter()) {
+                *held_n = -element.stretched(*held_n, travelled_m).0;
             }
-            *now_n = self.direction * tried_n.min(*saturation);
-            force_n += *now_n;
         }
-        self.force_n = force_n;
+        let travel_m = self.branch.travel_ct() as f32 * k.count_m;
+        let (mut force_n, mut slope_n_per_m) = (0.0, 0.0);
+        for (held_n, element) in self.anchor_n.iter().zip(k.elements.iter()) {
+            let (element_n, element_n_per_m) = element.stretched(*held_n, travel_m);
+            force_n += element_n;
+            slope_n_per_m += element_n_per_m;
+        }
+        self.force_n = self.branch.direction() * force_n;
         self.slope_n_per_m = slope_n_per_m;
+    }
+}
+
+/// A spring and its slider.
+struct Element {
+    stiffness_n_per_m: f32,
+    saturation_n: f32,
+}
+
+impl Element {
+    /// Force (N) and slope (N/m) after `travel_m` ≥ 0 in one direction from where the element held `held_n`.
+    // Selections by hand: `max` and `min` of `f32` cost three times as many instructions.
+    #[inline(always)]
+    fn stretched(&self, held_n: f32, travel_m: f32) -> (f32, f32) {
+        // New coefficients may have less room than an element holds.
+        let held_n = if held_n > -self.saturation_n { held_n } else { -self.saturation_n };
+        let tried_n = held_n + self.stiffness_n_per_m * travel_m;
+        if tried_n < self.saturation_n { (tried_n, self.stiffness_n_per_m) } else { (self.saturation_n, 0.0) }
     }
 }
 

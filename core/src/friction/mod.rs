@@ -21,5 +21,6 @@ pub mod dahl;
 pub mod gms;
 pub mod lugre;
 pub mod maxwell_slip;
+mod reversal;
 pub mod shaped_dahl;
 pub mod stribeck;

@@ -29,7 +29,7 @@ fn run() -> Result<Digest, Failure> {
             digest.period(bridge);
             is_on = bridge.enabled;
         }
-        Class::of(was_on, &output.record, output.outcome, is_on).tell();
+        Class::of(axis.drive().config(), was_on, &output.record, output.outcome, is_on).tell();
         Ok(())
     })
 }

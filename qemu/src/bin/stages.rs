@@ -69,7 +69,7 @@ fn run() -> Result<Digest, Failure> {
             is_on = bridge.enabled;
         }
         stages.follow(drive.config(), tick, &output.record, &output.demand);
-        Class::of(was_on, &output.record, output.outcome, is_on).tell();
+        Class::of(drive.config(), was_on, &output.record, output.outcome, is_on).tell();
         Ok(())
     })
 }

@@ -11,15 +11,17 @@ use servo_sim::Stage;
 use super::pictures::Picture;
 use super::section::Section;
 use super::sections::{
-    closed_loop, compensators, first_experiment, frequency, in_position, length_scale, models, rate_limit,
-    second_experiment, sensitivity, small_steps, stage, theory_mass, theory_massless,
+    closed_loop, compensators, first_experiment, frequency, identification, in_position, length_scale, models,
+    rate_limit, second_experiment, sensitivity, small_steps, stage, theory_mass, theory_massless,
     traces::{self, Traces},
 };
 use crate::reproduce::campaign::{Shard, Watch};
 use crate::reproduce::experiments::{Experiment, MASS_ERRORS_PERCENT, Plan, Request as Moves};
 use crate::reproduce::loop_transmission::{self, LoopTransmission};
 use crate::reproduce::outcome::{Outcome, Run};
-use crate::reproduce::{compensators as tuning, models as fits, step_100um};
+use crate::reproduce::{
+    compensators as tuning, identification as profiles, identification_study, models as fits, step_100um,
+};
 
 /// How much is computed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -41,6 +43,15 @@ impl Size {
         match self {
             Size::Quick => QUICK_MOVES.min(experiment.moves()),
             Size::Full => experiment.moves(),
+            Size::Moves(moves) => moves,
+        }
+    }
+
+    /// Settling steps of the identification study; its profiles follow in the thesis' proportion.
+    fn identification_steps(self) -> u64 {
+        match self {
+            Size::Quick => profiles::STEPS / 10,
+            Size::Full => profiles::STEPS,
             Size::Moves(moves) => moves,
         }
     }
@@ -162,6 +173,7 @@ pub fn run(request: Request, observer: &dyn Observer) -> Result<Computed> {
     })?;
     work.part("5.2 closed loop", |_| Ok(second_order))?;
     work.part("5.3 length scale", Work::length_scale)?;
+    work.part("6 identification", Work::identification)?;
     work.part("7.4, 7.5 theory without inertia", |w| {
         Ok(Some(theory_massless::section(&theory_massless::compute()?, &w.computed.request.stage)))
     })?;
@@ -289,6 +301,20 @@ impl Work<'_> {
         let Some(found) = found else { return Ok(None) };
         self.keep("step-100um", &found)?;
         Ok(Some(length_scale::section(&found)))
+    }
+
+    /// The identification study; `None` if it was ended.
+    fn identification(&mut self) -> Result<Option<Section>> {
+        let request = &self.computed.request;
+        let steps = request.size.identification_steps();
+        let runs = profiles::runs_beside(steps);
+        let finished = self.observer.begin("identification-study", profiles::pieces(runs, steps), "runs");
+        let watch = Watch { stop: self.observer.stop(), finished: &finished };
+        let study = identification_study::run(&request.stage, runs, steps, request.seed, watch)?;
+        drop(finished);
+        let Some(study) = study else { return Ok(None) };
+        self.keep("identification-study", &study)?;
+        Ok(Some(identification::section(&study)))
     }
 
     /// Traces of PID and of the thesis' NIASA in some comparisons of a plan, in pairs.

@@ -4,6 +4,7 @@ pub mod closed_loop;
 pub mod compensators;
 pub mod first_experiment;
 pub mod frequency;
+pub mod identification;
 pub mod in_position;
 pub mod length_scale;
 pub mod models;

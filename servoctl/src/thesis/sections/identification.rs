@@ -1,0 +1,265 @@
+//! Identification of σ and F_C (ch. 6, figs 19 to 33, tables 1 and 2).
+
+use crate::plot::{Axis, Band, Plot, Series};
+use crate::reproduce::identification::{Fitted, Group, Trace};
+use crate::reproduce::identification_study::{Column, IdentificationStudy, Moments, Parameter};
+use crate::table::number;
+use crate::thesis::section::Section;
+use crate::thesis::targets::Target;
+use crate::thesis::verdict::Check;
+
+/// Largest bias of a mean against what was drawn (%), and largest difference of the two methods' biases.
+const BIAS_PERCENT: f64 = 2.0;
+/// Mean square error of the thesis' worst fit (N²).
+const WORST_N2: f64 = 0.1067;
+
+/// The section.
+pub fn section(study: &IdentificationStudy) -> Section {
+    let caption = format!(
+        "{}, {} places × {} runs, friction redrawn per run, seed {}; PID 100 Hz / 45°; plant {} kg, σ {} N/µm, F_C {} N",
+        study.origin,
+        study.places,
+        study.runs,
+        study.seed,
+        study.plant.mechanics.mass_kg,
+        number(study.plant.friction.stiffness_n_per_m * 1e-6, 2),
+        number(study.plant.friction.coulomb_n, 2)
+    );
+    let worst = study.table_1.iter().map(|column| column.worst_mse_n2).fold(0.0, f64::max);
+    let worst_check = Check::new(
+        worst < WORST_N2,
+        format!(
+            "worst mean square error {worst:.1e} N², {} that of the thesis",
+            if worst < WORST_N2 { "below" } else { "above" }
+        ),
+    );
+    let [by_frequency_table, by_method_table] = study.tables();
+    let mut section = Section::new("6 Identification of friction")
+        .finding(Target::WorstFit, format!("{worst:.1e} N²"), &[worst_check])
+        .finding(Target::Stiffness, found_in_words(&study.table_1, sigma, "drawn"), &bias_checks(&study.table_1, sigma))
+        .finding(
+            Target::Coulomb,
+            found_in_words(&study.table_1, coulomb, "drawn"),
+            &bias_checks(&study.table_1, coulomb),
+        )
+        .finding(Target::ProfileAgainstSettling, methods_in_words(&study.table_2), &method_checks(&study.table_2))
+        .table(&[1], by_frequency_table)
+        .table(&[2], by_method_table);
+    for note in &study.notes {
+        section = section.text(note.clone());
+    }
+    let (profiles, settling): (Vec<&Group>, Vec<&Group>) = study.groups.iter().partition(|g| g.frequency_hz.is_some());
+    if let Some(first) = profiles.first().and_then(|group| group.traces.first()) {
+        section = section.figure(
+            &[19, 20],
+            [position_plot(first), loop_plot(first, false)],
+            format!("an identification profile ({}): position, and friction over it; {caption}", first.name),
+        );
+    }
+    let worst_trace =
+        profiles.iter().filter_map(|g| g.traces.get(1)).max_by(|a, b| a.fit.mse_n2.total_cmp(&b.fit.mse_n2));
+    let by_frequency = |title: &str, of: fn(&Fitted) -> f64| {
+        let names = profiles.iter().filter_map(|g| g.frequency_hz).map(|hz| format!("{hz}"));
+        dots(
+            Axis::names("frequency / Hz", names),
+            title,
+            profiles.iter().map(|g| g.fits.iter().map(of).collect()).collect(),
+        )
+    };
+    let mut panels = vec![by_frequency("mean square error / mN²", |f| f.mse_n2 * 1e6)];
+    panels.extend(worst_trace.map(|trace| loop_plot(trace, false)));
+    section = section.figure(
+        &[21, 22],
+        panels,
+        format!("mean square errors of the fits with their mean and standard deviation, and the worst fit; {caption}"),
+    );
+    for (group, numbers) in profiles.iter().zip([[23, 24], [25, 26], [27, 28]]) {
+        section = section.figure(
+            &numbers,
+            [by_place(group, "σ / N/µm", |f| f.sigma_n_per_m * 1e-6), by_place(group, "F_C / N", |f| f.coulomb_n)],
+            format!("σ and F_C found at each place with {} Hz; {caption}", group.frequency_hz.unwrap_or(0.0)),
+        );
+    }
+    section = section.figure(
+        &[29, 30],
+        [by_frequency("σ / N/µm", |f| f.sigma_n_per_m * 1e-6), by_frequency("F_C / N", |f| f.coulomb_n)],
+        format!("σ and F_C by frequency, mean ± standard deviation; {caption}"),
+    );
+    if let Some(group) = settling.first() {
+        if let Some(first) = group.traces.first() {
+            section = section.figure(
+                &[31],
+                [loop_plot(first, true)],
+                format!("force over position after a 5 mm step ({}), with and without inertia; {caption}", first.name),
+            );
+        }
+        section = section.figure(
+            &[32, 33],
+            [
+                histogram(group, "σ / N/µm", |f| f.sigma_n_per_m * 1e-6),
+                histogram(group, "F_C / N", |f| f.coulomb_n),
+                histogram(group, "mean square error / mN²", |f| f.mse_n2 * 1e6),
+            ],
+            format!("σ, F_C and mean square errors found from {} settling steps; {caption}", group.fits.len()),
+        );
+    }
+    section
+}
+
+fn sigma(column: &Column) -> Parameter {
+    column.sigma_n_per_um
+}
+
+fn coulomb(column: &Column) -> Parameter {
+    column.coulomb_n
+}
+
+fn moments(m: Moments) -> String {
+    format!("{} ± {}", number(m.mean, 2), number(m.std, 2))
+}
+
+fn found_in_words(columns: &[Column], of: fn(&Column) -> Parameter, drawn: &str) -> String {
+    let list =
+        |pick: fn(Parameter) -> Moments| columns.iter().map(|c| moments(pick(of(c)))).collect::<Vec<_>>().join(", ");
+    format!("{}; {drawn} {}", list(|p| p.found), list(|p| p.truth))
+}
+
+/// Whether each mean is that of the friction drawn, and whether the thesis' lies within its own scatter of ours.
+fn bias_checks(columns: &[Column], of: fn(&Column) -> Parameter) -> Vec<Check> {
+    let check = |c: &Column| {
+        let parameter = of(c);
+        let limits = (-BIAS_PERCENT, BIAS_PERCENT);
+        let near = (parameter.found.mean - parameter.thesis.mean).abs() <= parameter.thesis.std;
+        let off = format!(
+            "{}: {} the thesis' standard deviation of its mean",
+            c.name,
+            if near { "within" } else { "beyond" }
+        );
+        [
+            Check::within(&format!("{}: bias", c.name), Some(parameter.bias_percent), limits, 2, "%"),
+            Check::new(near, off),
+        ]
+    };
+    columns.iter().flat_map(check).collect()
+}
+
+fn methods_in_words(columns: &[Column]) -> String {
+    let both =
+        |of: fn(&Column) -> Parameter| columns.iter().map(|c| moments(of(c).found)).collect::<Vec<_>>().join(" and ");
+    format!("σ {} N/µm; F_C {} N", both(sigma), both(coulomb))
+}
+
+/// The methods see different draws of friction: what they have to agree in is their error against what was drawn.
+fn method_checks(columns: &[Column]) -> Vec<Check> {
+    let [profile, steps] = columns else { return Vec::new() };
+    let apart = |name: &str, of: fn(&Column) -> Parameter| {
+        let difference = of(steps).bias_percent - of(profile).bias_percent;
+        Check::within(
+            &format!("{name}: the methods' biases differ by"),
+            Some(difference),
+            (-BIAS_PERCENT, BIAS_PERCENT),
+            2,
+            "%",
+        )
+    };
+    vec![apart("σ", sigma), apart("F_C", coulomb)]
+}
+
+/// Position over the course of a record, from its beginning (0 %) to its end.
+fn position_plot(trace: &Trace) -> Plot {
+    let count = trace.position_nm.len().max(2) as f64 - 1.0;
+    let points = trace.position_nm.iter().enumerate().map(|(i, nm)| (100.0 * i as f64 / count, nm * 1e-3));
+    Plot::new("Identification profile", Axis::linear("course of the profile / %"), Axis::linear("position / µm"))
+        .series(Series::new("", 0).line(points))
+}
+
+/// Friction and model over position, with or without the force of the motor.
+fn loop_plot(trace: &Trace, with_motor: bool) -> Plot {
+    let line =
+        |force: &[f64]| trace.position_nm.iter().map(|nm| nm * 1e-3).zip(force.iter().copied()).collect::<Vec<_>>();
+    let x = Axis::linear("position / µm");
+    let mut plot = Plot::new(format!("Friction over position: {}", trace.name), x, Axis::linear("force / N"));
+    if with_motor {
+        plot = plot.series(Series::new("motor", 5).line(line(&trace.motor_n)));
+    }
+    plot.series(Series::new("friction", 0).line(line(&trace.friction_n)))
+        .series(Series::new("Dahl", 1).line(line(&trace.model_n)))
+}
+
+fn by_place(group: &Group, title: &str, of: fn(&Fitted) -> f64) -> Plot {
+    let places = group.fits.iter().map(|f| f.place).max().map_or(0, |last| last + 1);
+    let values = (0..places).map(|place| group.fits.iter().filter(|f| f.place == place).map(of).collect()).collect();
+    dots(Axis::names("place", (1..=places).map(|place| place.to_string())), title, values)
+}
+
+/// Single values (faint), mean and standard deviation of each of some classes.
+fn dots(x: Axis, title: &str, classes: Vec<Vec<f64>>) -> Plot {
+    let plot = Plot::new(format!("{title} by {}", x.title), x, Axis::linear(title));
+    let series = classes.iter().enumerate().fold(Series::new("", 0), |series, (i, values)| {
+        let mean = crate::settling::mean(values).unwrap_or(f64::NAN);
+        let std = crate::settling::sample_std(values).unwrap_or(0.0);
+        series.dots(values.iter().map(|v| (i as f64 - 0.12, *v))).error_bar(i as f64 + 0.12, mean, std)
+    });
+    plot.series(series)
+}
+
+/// Outline of a histogram with the mean as a dashed line.
+fn histogram(group: &Group, title: &str, of: fn(&Fitted) -> f64) -> Plot {
+    const BINS: usize = 20;
+    let values: Vec<f64> = group.fits.iter().map(of).collect();
+    let (low, high) = values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
+    let width = ((high - low) / BINS as f64).max(f64::MIN_POSITIVE);
+    let mut counts = [0u32; BINS];
+    for value in &values {
+        counts[(((value - low) / width) as usize).min(BINS - 1)] += 1;
+    }
+    let steps = counts
+        .iter()
+        .enumerate()
+        .flat_map(|(i, count)| [i, i + 1].map(|edge| (low + edge as f64 * width, f64::from(*count))));
+    let outline = [(low, 0.0)].into_iter().chain(steps).chain([(high, 0.0)]);
+    let mut plot = Plot::new(format!("Distribution of {title}"), Axis::linear(title), Axis::linear("fits"))
+        .series(Series::new("", 0).line(outline.filter(|_| !values.is_empty())));
+    if let Some(mean) = crate::settling::mean(&values) {
+        plot = plot.band(Band::x("mean", mean, mean));
+    }
+    plot.height = 260.0;
+    plot
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::thesis::verdict::{Outcome, judge};
+
+    fn column(bias_percent: f64, mean: f64) -> Column {
+        let m = |mean| Moments { mean, std: 1.0 };
+        let p = Parameter {
+            thesis: m(8.23),
+            found: m(mean),
+            truth: m(mean),
+            bias_percent,
+            median_error_percent: bias_percent,
+            rms_error_percent: 1.0,
+            covered_percent: 95.0,
+        };
+        Column { name: "8 Hz".into(), fits: 10, refused: 0, sigma_n_per_um: p, coulomb_n: p, worst_mse_n2: 1e-3 }
+    }
+
+    #[test]
+    fn a_mean_without_bias_near_the_thesis_is_reproduced() {
+        let outcome = |bias, mean| judge(&bias_checks(&[column(bias, mean)], sigma)).outcome;
+        assert_eq!(outcome(0.3, 8.6), Outcome::Reproduced);
+        assert_eq!(outcome(0.3, 12.0), Outcome::Partly);
+        assert_eq!(outcome(-7.0, 8.6), Outcome::Partly);
+        assert_eq!(outcome(-7.0, 12.0), Outcome::NotReproduced);
+    }
+
+    #[test]
+    fn methods_agree_if_their_biases_do() {
+        let outcome = |a, b| judge(&method_checks(&[column(a, 8.6), column(b, 8.0)])).outcome;
+        assert_eq!(outcome(0.5, -0.5), Outcome::Reproduced);
+        assert_eq!(outcome(3.0, -3.0), Outcome::NotReproduced);
+        assert_eq!(judge(&method_checks(&[])).outcome, Outcome::NotReproduced);
+    }
+}
