@@ -2,9 +2,11 @@
 
 use defmt::info;
 use embassy_executor::task;
+use embassy_time::{Duration, with_timeout};
 use embedded_io_async::{Read, Write};
 use heapless::Vec;
 use servo_board::Link;
+use servo_board::watchdog::Client;
 use servo_core::capture::{Progress, WORDS_PER_SAMPLE};
 use servo_core::cascade::{CascadeGains, ParallelGains};
 use servo_core::config::{Compensator, Config};
@@ -17,8 +19,19 @@ use servo_protocol::frame::{MAX_FRAME, encode};
 use servo_protocol::message::{BLOCK_WORDS, Identity, PARAMETERS_PER_REPLY, Reply, Request, Status};
 use servo_protocol::server::{Incoming, Server};
 
-use crate::drive::{Answer, Commander, Latest};
+        alive.check_in();
+        let received = match with_timeout(CHECK_IN, rx.read(&mut bytes)).await {
+            Ok(Ok(received)) => received,
+            Ok(Err(_)) => {
+                server.count_unreadable();
+                continue;
+            }
+            Err(_) => continue,
+        };
 use crate::storage::Storage;
+
+/// While the line is silent, the task checks in with the watchdog this often.
+const CHECK_IN: Duration = Duration::from_millis(20);
 
 /// What the requests act upon.
 pub struct Commands {
@@ -37,20 +50,33 @@ pub struct Commands {
 /// Serves the link for ever.
 #[task]
 pub async fn run(link: Link, mut commands: Commands) {
+    let alive = Client::register(clients::COMMANDS);
     let (mut tx, mut rx) = link.split();
     let mut server = Server::default();
     let mut bytes = [0; 64];
     let mut frame = [0; MAX_FRAME];
     loop {
+<<<<<<< HEAD
         let received = match rx.read(&mut bytes).await {
             Ok(received) => received,
             Err(_) => {
                 server.count_unreadable();
                 0
             }
-        };
+=======
+        alive.check_in();
+        let received = match with_timeout(CHECK_IN, rx.read(&mut bytes)).await {
+            Ok(Ok(received)) => received,
+            Ok(Err(_)) => {
+                commands.count_garbled();
+                continue;
+            }
+            Err(_) => continue,
+>>>>>>> main
         for byte in &bytes[..received] {
-            let (id, reply, restart) = match server.push(*byte) {
+            let incoming = server.push(*byte);
+            commands.latest.unreadable_frames.set(server.unreadable());
+            let (id, reply, restart) = match incoming {
                 None => continue,
                 Some(Incoming::Repeated { id, reply }) => (id, reply, false),
                 Some(Incoming::Fresh { id, request }) => {
@@ -70,7 +96,6 @@ pub async fn run(link: Link, mut commands: Commands) {
                 servo_board::restart();
             }
         }
-        commands.latest.unreadable_frames.set(server.unreadable());
     }
 }
 
@@ -169,11 +194,8 @@ impl Commands {
 
     /// Tells the drive how a save has ended: with the next request, because nobody but a request can ask for torque.
     async fn tell_of_save(&mut self) {
-        if self.storage.has_news() {
-            let stored = self.storage.stored().is_some();
-            if self.commander.execute(Command::EndSave { stored }).await.is_ok() {
-                self.storage.told();
-            }
+        if self.storage.has_news() && self.commander.execute(Command::EndSave).await.is_ok() {
+            self.storage.told();
         }
     }
 
