@@ -31,7 +31,7 @@ mod reset;
 
 pub use control::{Control, PowerStage, StartFault};
 pub use flash::{FlashFault, ParameterFlash};
-pub use link::Link;
+pub use link::{LinkReceiver, LinkSender};
 pub use memory::{program, stack_free_bytes};
 pub use reset::{ResetCause, restart};
 
@@ -43,7 +43,7 @@ pub struct Board {
     /// Serial link: USART3, the virtual COM port of the on-board ST-LINK.
     ///
     /// An error means that the bit rate does not fit the clock, a defect of this crate.
-    pub link: Result<Link, embassy_stm32::usart::ConfigError>,
+    pub link: Result<(LinkSender, LinkReceiver), embassy_stm32::usart::ConfigError>,
     /// Bridge, current converters and encoder: configured, stopped, outputs off.
     pub power_stage: PowerStage,
     /// The two sectors that keep parameters.
