@@ -71,7 +71,10 @@ async fn main(spawner: Spawner) {
         serial: board.serial,
     };
     match board.link {
-        Ok(link) => spawn(&spawner, commands::run(link, Commands { identity, settings, commander, latest, storage })),
+        Ok((tx, rx)) => {
+            spawn(&spawner, commands::send(tx));
+            spawn(&spawner, commands::run(rx, Commands { identity, settings, commander, latest, storage }));
+        }
         Err(error) => error!("no serial link: {}", error),
     }
     spawn(&spawner, storage::run(flash, store, storage));

@@ -10,6 +10,7 @@
 //! - [`csv`]: measured columns from a file
 //! - [`thesis`]: the thesis beside the simulation: every number, figure and table, with a verdict
 //! - [`link`]: a drive at the other end of a line
+//! - [`scope`]: the page that shows a drive live
 //! - [`cli`]: the command line, a module per sub-command
 
 pub mod cli;
@@ -19,6 +20,7 @@ pub mod link;
 pub mod plot;
 pub mod report;
 pub mod reproduce;
+pub mod scope;
 pub mod settling;
 pub mod table;
 pub mod theory;

@@ -168,7 +168,7 @@ fn garbled_requests_are_dropped_and_counted() {
     board.send(b"\x05hello\x00").unwrap();
     board.send(&[0xA5; 2000]).unwrap();
     board.send(&[0]).unwrap();
-    // 2008 bytes at 921,600 bit/s.
+    // 2008 bytes at 3 Mbit/s, and then some.
     board.run_for(Duration::from_millis(25)).unwrap();
     assert_eq!(status(&mut board, &mut link).bad_requests, 2);
 

@@ -18,12 +18,14 @@ mod fuzz;
 mod host;
 mod parameter_page;
 mod process;
+mod protocol_page;
 mod qemu;
 mod setup;
 mod test_suite;
 mod toolchain;
 mod version;
 mod virtual_drive;
+mod web;
 
 #[derive(Parser)]
 #[command(bin_name = "cargo xtask", about = "What a person types here; each word installs what it needs first.")]
@@ -57,6 +59,8 @@ enum Word {
     Endurance(endurance::Options),
     /// Look for bytes that break what reads them: serial frames, flash, encoder line, stage file
     Fuzz(fuzz::Options),
+    /// Fetch what the scope's page takes from npm, by its lock file; build servoctl afterwards
+    Web,
     /// Write the pages of docs/ that are made from tables in code
     Docs,
     /// Install what is missing: embedded toolchain, QEMU, C compiler (every other word does it by itself)
@@ -91,6 +95,7 @@ fn run(word: Word, directory: &Path) -> Result<()> {
         Word::Bench(options) => bench::run(&options.seen_from(directory)),
         Word::Endurance(options) => endurance::run(&options),
         Word::Fuzz(options) => fuzz::run(&options.seen_from(directory)),
+        Word::Web => web::fetch(),
         Word::Docs => docs::write(),
         Word::Setup { dry_run } => setup::all(dry_run),
     }

@@ -62,6 +62,8 @@ pub enum Error {
     },
     /// The message is longer than a frame.
     TooLong,
+    /// What was typed makes no sense.
+    Typed(String),
 }
 
 impl fmt::Display for Error {
@@ -98,6 +100,7 @@ impl fmt::Display for Error {
             }
             Error::Interrupted { what, why, help } => write!(f, "{what}: {why}\n  {help}"),
             Error::Unexpected { request, reply } => write!(f, "{request} was answered by {reply}"),
+            Error::Typed(text) => f.write_str(text),
             Error::TooLong => f.write_str("the message is longer than a frame"),
         }
     }

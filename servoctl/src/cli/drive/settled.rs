@@ -44,6 +44,12 @@ impl Report {
         }
     }
 
+    /// Whether a block of noise is known that began after the narrowest band was reached, or nobody waits longer.
+    pub fn is_ready(settling: &Settling) -> bool {
+        let quiet_ticks = settling.ticks.saturating_sub(settling.settled_after_ticks[0]);
+        quiet_ticks >= 2 * NOISE_TICKS || settling.ticks >= LONGEST_TICKS
+    }
+
     /// Waits until the drive knows, at most two seconds of its own time after the end of the profile; `look` may end the wait.
     ///
     /// # Errors
@@ -51,9 +57,7 @@ impl Report {
     pub fn wait(drive: &mut Drive, count_m: f64, mut look: impl FnMut() -> bool) -> Result<Report, Error> {
         loop {
             let settling = drive.settling()?;
-            let quiet_ticks = settling.ticks.saturating_sub(settling.settled_after_ticks[0]);
-            // A block of noise that began after the narrowest band was reached.
-            if quiet_ticks >= 2 * NOISE_TICKS || settling.ticks >= LONGEST_TICKS || !look() {
+            if Report::is_ready(&settling) || !look() {
                 return Ok(Report::new(&settling, count_m));
             }
             if let Some(fault) = drive.status()?.fault {
