@@ -127,6 +127,7 @@ pub fn help(refusal: &Refusal) -> Option<&'static str> {
         Refusal::UnknownParameter(_) => "`servoctl params list` names them all",
         Refusal::OutOfRange { .. } => "`servoctl params list` shows the limits",
         Refusal::NoPosition => "`servoctl status` shows bad encoder frames: look at the encoder and its cable",
+        Refusal::Halted => "the controlword's halt bit is set: clear it where it was set",
         Refusal::Saving | Refusal::Busy => "try again in a moment",
     })
 }
