@@ -7,7 +7,7 @@ use anyhow::{Result, bail};
 use clap::ValueEnum;
 
 use crate::firmware::{self, Firmware};
-use crate::{demo, embedded, host, process, qemu, setup};
+use crate::{demo, embedded, host, process, qemu, setup, web};
 
 /// What the test suite can be told.
 #[derive(clap::Args)]
@@ -129,6 +129,9 @@ fn documentation() -> Result<()> {
 }
 
 fn virtual_board_tests(firmware: &Firmware) -> Result<()> {
+    // The scope's page, in a browser.
+    web::fetch()?;
+    web::browser()?;
     let mut tests = host::cargo_with_emulator("test")?;
     tests.args(["--release", "--package", "servo-virtual-board"]).env("SERVO_ELF", host::absolute(&firmware.elf)?);
     process::run(&mut tests, "virtual-board tests")

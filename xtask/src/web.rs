@@ -21,3 +21,14 @@ pub fn fetch() -> Result<()> {
     let mut npm = Command::new("npm");
     process::run(npm.args(["ci", "--ignore-scripts", "--prefix", FOLDER]), "npm ci")
 }
+
+/// Makes sure that there is a browser for the page's test.
+///
+/// # Errors
+/// When Chromium is missing and cannot be installed.
+pub fn browser() -> Result<()> {
+    if std::env::var_os("CHROMIUM").is_none() && !process::succeeds(Command::new("chromium").arg("--version")) {
+        Access::find().install("browser", &["chromium"])?;
+    }
+    Ok(())
+}
