@@ -9,6 +9,7 @@
 //! - [`theory`]: chapter 7 of the thesis as functions: settling without and with mass
 //! - [`csv`]: measured columns from a file
 //! - [`thesis`]: the thesis beside the simulation: every number, figure and table, with a verdict
+//! - [`scope`]: the live scope page
 //! - [`cli`]: the command line, a module per sub-command
 
 pub mod cli;
@@ -17,6 +18,7 @@ pub mod demo_report;
 pub mod plot;
 pub mod report;
 pub mod reproduce;
+pub mod scope;
 pub mod settling;
 pub mod table;
 pub mod theory;

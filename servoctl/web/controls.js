@@ -1,0 +1,84 @@
+// Enable, compensator, jog, move.
+
+import { parse } from "./units.js";
+
+const at = (id) => document.getElementById(id);
+const PLAIN = "pid";
+const NIASA = "niasa";
+
+/// Buttons to orders.
+export function wireControls(known, order) {
+  at("enable").addEventListener("click", () => order({ do: "enable" }));
+  at("disable").addEventListener("click", () => order({ do: "disable" }));
+  const choose = (name) => order({ do: "compensator", name }).then(() => showControls(known));
+  at("niasa").addEventListener("change", () => choose(at("niasa").checked ? NIASA : PLAIN));
+  at("compensator").addEventListener("change", () => choose(at("compensator").value));
+  at("jog-back").addEventListener("click", () => jog(order, -1));
+  at("jog-forward").addEventListener("click", () => jog(order, 1));
+  at("move").addEventListener("submit", (event) => {
+    event.preventDefault();
+    move(order, at("target").value, false, Number(at("count").value));
+  });
+  at("move-by").addEventListener("click", () => move(order, at("target").value, true, Number(at("count").value)));
+}
+
+function jog(order, direction) {
+  const step = at("step").value;
+  return move(order, direction < 0 ? `-${step}` : step, true, 1);
+}
+
+/// Reads the fields and sends the move; what cannot be read is said below them.
+function move(order, distance, relative, count) {
+  try {
+    const jerk = at("jerk").value.trim();
+    const action = {
+      do: "move",
+      to_m: parse(distance, "m"),
+      relative,
+      velocity_m_per_s: parse(at("velocity").value, "m/s"),
+      acceleration_m_per_s2: parse(at("acceleration").value, "m/s²"),
+      jerk_m_per_s3: jerk ? parse(jerk, "m/s³") : null,
+      count: Math.max(1, Math.round(count) || 1),
+      window_s: Number(at("window").value),
+    };
+    at("move-error").textContent = "";
+    return order(action);
+  } catch (error) {
+    at("move-error").textContent = error.message;
+    return Promise.resolve(false);
+  }
+}
+
+/// What can be pressed now, and what is chosen.
+export function showControls(known) {
+  const status = known.status;
+  const commands = document.body.dataset.role === "commands" && document.body.dataset.link === "up";
+  const rests = Boolean(status?.torque && !status.moving);
+  const can = {
+    enable: Boolean(status && !status.torque && !status.fault),
+    disable: Boolean(status?.torque),
+    "jog-back": rests,
+    "jog-forward": rests,
+    "move-to": rests,
+    "move-by": rests,
+    save: Boolean(status && !status.torque),
+  };
+  for (const element of document.querySelectorAll(".command")) {
+    const disabled = !commands || can[element.id] === false;
+    if (element.disabled !== disabled) element.disabled = disabled;
+  }
+  at("move-to").textContent = status?.moves_left > 1 ? `${status.moves_left} moves to go` : "Move to";
+  showCompensator(known);
+}
+
+function showCompensator(known) {
+  const { welcome, parameters } = known;
+  if (!welcome || !parameters) return;
+  const list = at("compensator");
+  if (list.options.length !== welcome.compensators.length) {
+    list.replaceChildren(...welcome.compensators.map((name) => new Option(name)));
+  }
+  const chosen = welcome.compensators[parameters.values[welcome.table.findIndex((row) => row.name === "compensator")]];
+  if (document.activeElement !== list) list.value = chosen;
+  at("niasa").checked = chosen === NIASA;
+}
