@@ -25,6 +25,31 @@ pub fn sin_cos_turns(turns: f32) -> (f32, f32) {
     }
 }
 
+/// The angle of a vector in turns, `-0.5..=0.5`; 0 for the vector without length.
+///
+/// One polynomial on ±1/8 turn (minimax: 4e-8 rad) after octant swaps, within 3e-7 rad of the exact angle, rounding included
+/// (0.2 pm of a signal period of 4 µm).
+///
+/// # Range
+/// Meant for lengths around 1; beyond 1e-18 to 1e18 the quotient loses digits. Not a number gives not a number, or 0.
+#[inline]
+pub fn atan2_turns(y: f32, x: f32) -> f32 {
+    let (across, along) = (y.abs(), x.abs());
+    let steep = across > along;
+    let (low, high) = if steep { (along, across) } else { (across, along) };
+    let t = if high > 0.0 { low / high } else { 0.0 };
+    let t2 = t * t;
+    let odd = 0.159_154_84
+        + t2 * (-0.053_046_12
+            + t2 * (0.031_745_946
+                + t2 * (-0.022_136_273
+                    + t2 * (0.015_346_038 + t2 * (-0.008_898_73 + t2 * (0.003_479_602_6 - t2 * 0.000_645_305_7))))));
+    let octant = t * odd;
+    let quadrant = if steep { 0.25 - octant } else { octant };
+    let half = if x < 0.0 { 0.5 - quadrant } else { quadrant };
+    if y < 0.0 { -half } else { half }
+}
+
 /// `value`, or the nearer end of `low..=high`; a NaN gives `low`.
 ///
 /// Two instructions on the target where `f32::clamp`, which keeps a NaN, takes six. For values that cannot be NaN, or where
@@ -48,6 +73,27 @@ mod tests {
             worst = worst.max((f64::from(s) - libm::sin(exact)).abs()).max((f64::from(c) - libm::cos(exact)).abs());
         }
         assert!(worst < 2.5e-7, "{worst:e}");
+    }
+
+    #[test]
+    fn the_angle_of_a_vector_is_within_a_third_of_a_millionth_of_a_radian() {
+        let mut worst = 0.0f64;
+        for i in 0..400_000 {
+            let exact = f64::from(i) * (core::f64::consts::TAU / 400_000.0) - core::f64::consts::PI;
+            let length = 0.3 + f64::from(i % 7) * 0.2;
+            let (y, x) = ((length * libm::sin(exact)) as f32, (length * libm::cos(exact)) as f32);
+            let given = libm::atan2(f64::from(y), f64::from(x));
+            worst = worst.max((f64::from(atan2_turns(y, x)) * core::f64::consts::TAU - given).abs());
+        }
+        assert!(worst < 3e-7, "{worst:e}");
+    }
+
+    #[test]
+    fn on_the_axes_the_angle_is_exact() {
+        for (y, x, turns) in [(0.0, 1.0, 0.0), (2.0, 0.0, 0.25), (0.0, -0.5, 0.5), (-3.0, 0.0, -0.25), (0.0, 0.0, 0.0)]
+        {
+            assert_eq!(atan2_turns(y, x), turns, "({y}, {x})");
+        }
     }
 
     #[test]

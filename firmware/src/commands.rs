@@ -8,15 +8,16 @@ use servo_board::Link;
 use servo_core::capture::{Progress, WORDS_PER_SAMPLE};
 use servo_core::cascade::{CascadeGains, ParallelGains};
 use servo_core::config::{Compensator, Config};
-use servo_core::drive::{Command, Outcome};
+use servo_core::drive::Command;
 use servo_core::parameters::{Access, Parameter, Settings, TABLE};
 use servo_core::position::Position;
 use servo_core::record::flags;
 use servo_core::refusal::Refusal;
-use servo_protocol::frame::{Collector, MAX_FRAME, encode};
+use servo_protocol::frame::{MAX_FRAME, encode};
 use servo_protocol::message::{BLOCK_WORDS, Identity, PARAMETERS_PER_REPLY, Reply, Request, Status};
+use servo_protocol::server::{Incoming, Server};
 
-use crate::drive::{Commander, Latest};
+use crate::drive::{Answer, Commander, Latest};
 use crate::storage::Storage;
 
 /// What the requests act upon.
@@ -37,40 +38,47 @@ pub struct Commands {
 #[task]
 pub async fn run(link: Link, mut commands: Commands) {
     let (mut tx, mut rx) = link.split();
-    let mut collector = Collector::default();
+    let mut server = Server::default();
     let mut bytes = [0; 64];
     let mut frame = [0; MAX_FRAME];
     loop {
-        let Ok(received) = rx.read(&mut bytes).await else {
-            commands.count_garbled();
-            continue;
+        let received = match rx.read(&mut bytes).await {
+            Ok(received) => received,
+            Err(_) => {
+                server.count_unreadable();
+                0
+            }
         };
         for byte in &bytes[..received] {
-            match collector.push::<Request>(*byte) {
-                None => {}
-                Some(Err(_)) => commands.count_garbled(),
-                Some(Ok((id, request))) => {
+            let (id, reply, restart) = match server.push(*byte) {
+                None => continue,
+                Some(Incoming::Repeated { id, reply }) => (id, reply, false),
+                Some(Incoming::Fresh { id, request }) => {
+                    let restart = matches!(request, Request::Restart);
                     let reply = commands.handle(request).await;
-                    // Replies are bounded by the protocol; one that did not fit or could not be sent is one the host
-                    // misses and asks for again.
-                    if let Ok(length) = encode(id, &reply, &mut frame) {
-                        let _ = tx.write_all(&frame[..length]).await;
-                    }
+                    server.answered(id, &reply);
+                    (id, reply, restart)
                 }
+            };
+            // Replies are bounded by the protocol; one that did not fit or could not be sent is one the host misses and
+            // asks for again.
+            if let Ok(length) = encode(id, &reply, &mut frame) {
+                let _ = tx.write_all(&frame[..length]).await;
+            }
+            if restart && matches!(reply, Reply::Done { .. }) {
+                let _ = tx.flush().await;
+                servo_board::restart();
             }
         }
+        commands.latest.unreadable_frames.set(server.unreadable());
     }
 }
 
 impl Commands {
-    fn count_garbled(&self) {
-        self.latest.garbled_frames.set(self.latest.garbled_frames.get().wrapping_add(1));
-    }
-
     async fn handle(&mut self, request: Request) -> Reply {
         self.tell_of_save().await;
         let outcome = match request {
-            Request::Identity => return Reply::Identity(self.identity),
+            Request::Identity => return Reply::Identity(self.identity.clone()),
             Request::Status => return Reply::Status(self.status()),
             Request::Settling => return Reply::Settling(self.latest.snapshot.get().settling),
             Request::ReadCapture { first } => return Reply::Capture { first, words: self.captured(first) },
@@ -96,10 +104,11 @@ impl Commands {
             Request::Compensator(compensator) => self.choose(compensator).await,
             Request::Gains(gains) => self.set_gains(gains).await,
             Request::SetParameters(values) => self.set_parameters(&values).await,
-            Request::Capture(order) => self.commander.capture(order),
+            Request::Capture(order) => self.commander.capture(order).await,
+            Request::Restart => self.keep_torque_off().await,
         };
         match outcome {
-            Ok(()) => Reply::Done,
+            Ok(tick) => Reply::Done { tick },
             Err(refusal) => {
                 info!("refused: {}", refusal);
                 Reply::Refused(refusal)
@@ -111,6 +120,8 @@ impl Commands {
         let record = self.latest.record.get();
         let snapshot = self.latest.snapshot.get();
         Status {
+            // The snapshot is the older of the two.
+            tick: snapshot.tick,
             state: record.state,
             fault: record.fault,
             moving: record.flags & flags::MOVING != 0,
@@ -120,7 +131,7 @@ impl Commands {
             bus_v: record.bus_v,
             counters: snapshot.counters,
             capture: snapshot.capture,
-            bad_requests: self.latest.garbled_frames.get(),
+            bad_requests: self.latest.unreadable_frames.get(),
             lost_records: snapshot.records_dropped,
         }
     }
@@ -142,13 +153,18 @@ impl Commands {
     }
 
     /// Begins a save, if the drive agrees: no torque, and none until the drive has been told of the end.
-    async fn save(&mut self) -> Outcome {
+    async fn save(&mut self) -> Answer {
+        let tick = self.keep_torque_off().await?;
+        self.storage.save(self.settings);
+        Ok(tick)
+    }
+
+    /// No torque, none from now on, and the flash at rest: what a save needs as well.
+    async fn keep_torque_off(&mut self) -> Answer {
         if self.storage.is_saving() {
             return Err(Refusal::Saving);
         }
-        self.commander.execute(Command::BeginSave).await?;
-        self.storage.save(self.settings);
-        Ok(())
+        self.commander.execute(Command::BeginSave).await
     }
 
     /// Tells the drive how a save has ended: with the next request, because nobody but a request can ask for torque.
@@ -161,13 +177,13 @@ impl Commands {
         }
     }
 
-    async fn choose(&mut self, compensator: Compensator) -> Outcome {
-        self.commander.execute(Command::Compensator(compensator)).await?;
+    async fn choose(&mut self, compensator: Compensator) -> Answer {
+        let tick = self.commander.execute(Command::Compensator(compensator)).await?;
         self.settings.compensator = f64::from(compensator as u8);
-        Ok(())
+        Ok(tick)
     }
 
-    async fn set_gains(&mut self, gains: ParallelGains) -> Outcome {
+    async fn set_gains(&mut self, gains: ParallelGains) -> Answer {
         let gains = CascadeGains::from_parallel(gains)?;
         let settings = Settings {
             position_gain_per_s: gains.position_per_s,
@@ -178,7 +194,7 @@ impl Commands {
         self.configure(settings).await
     }
 
-    async fn set_parameters(&mut self, values: &[(u16, f64)]) -> Outcome {
+    async fn set_parameters(&mut self, values: &[(u16, f64)]) -> Answer {
         let mut settings = self.settings;
         for (id, value) in values {
             let parameter = Parameter::by_id(*id).ok_or(Refusal::UnknownParameter(*id))?;
@@ -188,13 +204,13 @@ impl Commands {
     }
 
     /// Swaps all coefficients at once; the settings in use stay as they are unless the drive takes the new ones.
-    async fn configure(&mut self, settings: Settings) -> Outcome {
+    async fn configure(&mut self, settings: Settings) -> Answer {
         let config = Config::new(&settings)?;
         let needs_bridge_off = TABLE
             .iter()
             .any(|row| matches!(row.access, Access::BridgeOff) && row.get(&settings) != row.get(&self.settings));
-        self.commander.execute(Command::Configure { config, needs_bridge_off }).await?;
+        let tick = self.commander.execute(Command::Configure { config, needs_bridge_off }).await?;
         self.settings = settings;
-        Ok(())
+        Ok(tick)
     }
 }

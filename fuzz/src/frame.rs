@@ -40,7 +40,7 @@ pub fn check(bytes: &[u8]) {
 
 /// A frame with these bytes as its message.
 fn around(payload: &[u8]) -> Vec<u8> {
-    let checksum = crc::Crc::<u16>::new(&crc::CRC_16_IBM_SDLC).checksum(payload).to_le_bytes();
+    let checksum = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC).checksum(payload).to_le_bytes();
     let mut line = Vec::new();
     // Byte stuffing by its definition: each run of non-zero bytes behind its length + 1, at most 254 of them.
     let plain: Vec<u8> = payload.iter().copied().chain(checksum).collect();
@@ -62,7 +62,7 @@ fn around(payload: &[u8]) -> Vec<u8> {
 }
 
 /// Equality by bytes, since NaN is a value that a request may carry.
-fn again<T: serde::Serialize + serde::de::DeserializeOwned>(id: u16, message: &T) {
+fn again<T: serde::Serialize + serde::de::DeserializeOwned>(id: u32, message: &T) {
     let mut frame = [0; MAX_FRAME];
     let length = encode(id, message, &mut frame).expect("what came in a frame fits a frame");
     let mut collector = Collector::default();

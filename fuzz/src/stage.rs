@@ -19,6 +19,7 @@ pub fn check(bytes: &[u8]) {
             let mut plant = Plant::new(&stage, 1);
             plant.redraw_friction(0);
             plant.advance(25_000, &BridgeState::OFF);
+            plant.encoder_frame();
             assert!(plant.position_m().is_finite() && plant.velocity_m_per_s().is_finite(), "{stage:?}");
         }
     }
@@ -30,6 +31,7 @@ pub fn seeds() -> Vec<Vec<u8>> {
         include_str!("../../sim/stages/als130h.toml"),
         include_str!("../../sim/stages/gms-table-4.toml"),
         include_str!("../../sim/stages/light-stiff.toml"),
+        include_str!("../../sim/stages/sin-cos.toml"),
     ];
     // Without comments: they are most of the bytes and nothing of the format.
     let bare = |text: &str| {

@@ -32,8 +32,11 @@ mod reset;
 pub use control::{Control, PowerStage, StartFault};
 pub use flash::{FlashFault, ParameterFlash};
 pub use link::Link;
-pub use memory::stack_free_bytes;
-pub use reset::ResetCause;
+pub use memory::{program, stack_free_bytes};
+pub use reset::{ResetCause, restart};
+
+/// Name of the board.
+pub const NAME: &str = "NUCLEO-H743ZI2";
 
 /// What [`init`] leaves to the application.
 pub struct Board {

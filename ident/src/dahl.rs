@@ -4,6 +4,7 @@ use serde::Serialize;
 
 use crate::confidence::{self, Interval};
 use crate::error::{DataError, within};
+use crate::filter;
 use crate::legs::legs;
 use crate::linear::{Normal, minimum};
 use crate::record::Record;
@@ -16,6 +17,10 @@ const SHORTEST_SHARE: f64 = 5e-4;
 const LONGEST_SHARE: f64 = 3.0;
 /// Relative tolerance on ln x_c: 2e-6 of x_c.
 const TOLERANCE: f64 = 1e-7;
+/// Shares of the span that [`fit_any_memory`] tries.
+const INNER_SHARES: [f64; 3] = [0.0, 0.01, 0.04];
+/// Largest error of the time between current and position, in samples: the current is read in one of five PWM periods.
+const TIME_DOUBT: f64 = 0.2;
 /// F_C must be at least so many of its standard errors.
 const SIGNIFICANT: f64 = 4.0;
 
@@ -101,7 +106,19 @@ pub fn fit_assuming(record: &Record, assumptions: Assumptions) -> Result<DahlFit
     if legs.len() < 2 {
         return Err(DataError::NoReversal);
     }
-    search(&Record { legs, ..record.clone() }, no_offset)
+    search(&Record { legs, turn_m: inner_share * record.span_m(), ..record.clone() }, no_offset)
+}
+
+/// [`fit_assuming`] with each of some shares of inner swings, and of these the fit that leaves least: whether a stage's memory is
+/// local, as in Dahl's model, or closes inner loops, as parallel elements do, shows in the data.
+///
+/// # Errors
+/// That of the fit without inner swings, if none succeeds.
+pub fn fit_any_memory(record: &Record, no_offset: bool) -> Result<DahlFit, DataError> {
+    let fits = INNER_SHARES.map(|inner_share| fit_assuming(record, Assumptions { no_offset, inner_share }));
+    let best = fits.iter().flatten().min_by(|a, b| a.mse_n2.total_cmp(&b.mse_n2)).cloned();
+    let [local, ..] = fits;
+    best.map_or(local, Ok)
 }
 
 /// The search, see [`fit`].
@@ -180,12 +197,33 @@ fn standard_errors(record: &Record, fit: &DahlFit, ones: &[f64], left_n: &[f64])
         .collect();
     let mut columns: Vec<&[f64]> = vec![&coulomb, &slope, &initial];
     columns.extend((!ones.is_empty()).then_some(ones));
-    let covariance = confidence::covariance(&columns, left_n, &confidence::blocks(record))?;
+    let covariance = confidence::covariance_of_legs(&columns, left_n, record)?;
     let (n, c) = (columns.len(), &covariance.matrix);
     // ln σ = ln F_C − ln x_c.
     let per_n = 1.0 / fit.coulomb_n;
     let log_sigma = c[0] * per_n * per_n - 2.0 * c[1] * per_n + c[n + 1];
-    Some(Errors { standard: [c[0].max(0.0).sqrt(), log_sigma.max(0.0).sqrt()], quantile: covariance.quantile })
+    let (mut coulomb_n2, mut log_sigma2) = (c[0].max(0.0), log_sigma.max(0.0));
+    for doubt_n in doubts(record, fit) {
+        let change = Normal::new(&columns, &doubt_n).solve()?;
+        // Bounds of a rectangular distribution: a third of their square is its variance.
+        coulomb_n2 += change[0] * change[0] / 3.0;
+        log_sigma2 += (change[0] * per_n - change[1]).powi(2) / 3.0;
+    }
+    Some(Errors { standard: [coulomb_n2.sqrt(), log_sigma2.sqrt()], quantile: covariance.quantile })
+}
+
+/// By how much the model's force would differ, N, if turning points were resolved half as finely, and if the current had been read at
+/// another time: errors that are the same in all legs, so that the residuals do not tell them.
+fn doubts(record: &Record, fit: &DahlFit) -> Vec<Vec<f64>> {
+    let model_n = fit.force_n(record);
+    let coarse = legs(&record.position_m, 2.0 * record.turn_m);
+    let coarse_n = fit.force_n(&Record { legs: coarse, ..record.clone() });
+    let mut doubts = vec![coarse_n.iter().zip(&model_n).map(|(a, b)| a - b).collect()];
+    if record.low_pass.is_some() {
+        let late_n = filter::derivative(&model_n, record.sample_s);
+        doubts.push(late_n.iter().map(|n_per_s| TIME_DOUBT * record.sample_s * n_per_s).collect());
+    }
+    doubts
 }
 
 /// Standard errors of F_C (N) and of ln σ, and the factor that makes 95 % intervals of them.

@@ -42,11 +42,6 @@ impl Normal {
         solve(&self.gram, &self.moment)
     }
 
-    /// `Jᵀ y`.
-    pub(crate) fn moment(&self) -> &[f64] {
-        &self.moment
-    }
-
     /// Sum of the squares that `solution` leaves.
     pub(crate) fn left(&self, solution: &[f64]) -> f64 {
         let n = self.size;

@@ -87,7 +87,7 @@ pub fn fit(
         .map(|i| force_n[i] - columns.iter().zip(&solution).map(|(column, x)| column[i] * x).sum::<f64>())
         .collect();
     let ends: Vec<usize> = (1..=BLOCKS).map(|k| used.len() * k / BLOCKS).collect();
-    let covariance = confidence::covariance(&columns, &left_n, &ends)
+    let covariance = confidence::covariance(&columns, &left_n, &confidence::Grouping::by_ends(&ends))
         .ok_or_else(|| undetermined("the move has no acceleration of its own"))?;
     let reach_kg = covariance.quantile * covariance.matrix[0].sqrt();
     if reach_kg > 0.5 * mass_kg {

@@ -31,6 +31,8 @@ pub struct Record {
     pub force_n: Vec<f64>,
     /// Parts of the record in which the stage moves in one direction.
     pub legs: Vec<Leg>,
+    /// Way back that counts as a reversal, m.
+    pub turn_m: f64,
     /// What the force has gone through; a model must go through it as well before the two are compared.
     pub low_pass: Option<LowPass>,
 }
@@ -90,7 +92,8 @@ impl Record {
         if span_m <= least_m {
             return Err(DataError::NoMotion { span_m, noise_m: smooth.noise_before, least_m });
         }
-        let legs = legs(&smooth.signal, (TURN_NOISES * smooth.noise_rms).max(TURN_SHARE * span_m));
+        let turn_m = (TURN_NOISES * smooth.noise_rms).max(TURN_SHARE * span_m);
+        let legs = legs(&smooth.signal, turn_m);
         if legs.len() < 2 {
             return Err(DataError::NoReversal);
         }
@@ -100,6 +103,7 @@ impl Record {
             position_noise_m: smooth.noise_before,
             force_n,
             legs,
+            turn_m,
             low_pass,
         };
         let (work_j, size_j) = record.work();
@@ -155,7 +159,7 @@ const MOTION_NOISES: f64 = 12.0;
 /// The same in steps of its resolution.
 const MOTION_STEPS: f64 = 12.0;
 /// Way back that counts as a reversal, in rms of the noise that is left in the position.
-const TURN_NOISES: f64 = 6.0;
+const TURN_NOISES: f64 = 3.0;
 /// The same as a share of the span.
 const TURN_SHARE: f64 = 1e-4;
 /// Distance of end and beginning, as a share of the way, up to which a motion is cyclic.

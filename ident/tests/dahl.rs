@@ -85,9 +85,11 @@ fn intervals_cover_the_truth_as_often_as_they_say_whatever_the_noise_is() {
         ),
     ];
     for (name, profile, with_current) in cases {
+        // With a current they also allow for an error of its time, which these data do not have.
+        let most = if with_current { f64::INFINITY } else { 0.994 };
         let (covered, bias) = coverage(&profile, 150, with_current);
         for (what, covered, bias) in [("sigma", covered[0], bias[0]), ("F_C", covered[1], bias[1])] {
-            assert!((0.90..=0.994).contains(&covered), "{name}, {what}: {:.1} % covered", covered * 100.0);
+            assert!((0.90..=most).contains(&covered), "{name}, {what}: {:.1} % covered", covered * 100.0);
             assert!(bias.abs() < 2e-3, "{name}, {what}: bias {:.3} %", bias * 100.0);
         }
     }

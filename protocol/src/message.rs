@@ -1,9 +1,9 @@
 //! Requests and replies.
 //!
-//! The order of the variants is the wire format: new ones go to the end, [`Request::Identity`] and [`Reply::Identity`] never
-//! change, and any other change raises [`PROTOCOL`].
+//! The order of the variants is the wire format: [`Request::Identity`] and [`Reply::Identity`] never change, and any other change
+//! raises [`PROTOCOL`]. [`crate::endpoint::ENDPOINTS`] says of every request what answers it and whether it may be repeated.
 
-use heapless::Vec;
+use heapless::{String, Vec};
 use serde::{Deserialize, Serialize};
 use servo_core::capture::{Order, Progress};
 use servo_core::cascade::ParallelGains;
@@ -18,7 +18,7 @@ use servo_core::state::State;
 use servo_core::store::Current;
 
 /// Number of this version of the messages.
-pub const PROTOCOL: u16 = 2;
+pub const PROTOCOL: u16 = 3;
 
 /// Words in one block of capture data.
 pub const BLOCK_WORDS: usize = 90;
@@ -82,6 +82,8 @@ pub enum Request {
     ResetParameters,
     /// [`Reply::ParameterStore`].
     ParameterStore,
+    /// Start the firmware anew; refused with torque on.
+    Restart,
 }
 
 /// What the drive answers.
@@ -91,7 +93,10 @@ pub enum Reply {
     /// To [`Request::Identity`].
     Identity(Identity),
     /// Done.
-    Done,
+    Done {
+        /// The servo tick that carried it out: a [`Status`] of this tick or a later one shows its effect.
+        tick: u32,
+    },
     /// Not done, and why.
     Refused(Refusal),
     /// To [`Request::Status`].
@@ -118,15 +123,17 @@ pub enum Reply {
     ParameterStore(ParameterStore),
 }
 
-/// Who the drive is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+/// Who the drive is. Frozen: every protocol has this message in this form.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Identity {
     /// [`PROTOCOL`] of the firmware.
     pub protocol: u16,
     /// Firmware version: major, minor, patch.
     pub firmware: [u16; 3],
-    /// Encoder counts are this many femtometres long.
-    pub count_fm: u64,
+    /// Fingerprint of the program in flash, see [`crate::program`]: tells which ELF the log is to be decoded with.
+    pub program: u64,
+    /// Name of the board.
+    pub board: String<32>,
     /// The chip's serial number.
     pub serial: [u32; 3],
 }
@@ -164,6 +171,8 @@ pub enum SaveProgress {
 /// What the drive is doing.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Status {
+    /// Everything here is of this servo tick or a later one.
+    pub tick: u32,
     /// Power state.
     pub state: State,
     /// First fault since the last reset.

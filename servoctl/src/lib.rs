@@ -10,11 +10,13 @@
 //! - [`csv`]: measured columns from a file
 //! - [`thesis`]: the thesis beside the simulation: every number, figure and table, with a verdict
 //! - [`scope`]: the live scope page
+//! - [`link`]: a drive at the other end of a line
 //! - [`cli`]: the command line, a module per sub-command
 
 pub mod cli;
 pub mod csv;
 pub mod demo_report;
+pub mod link;
 pub mod plot;
 pub mod report;
 pub mod reproduce;

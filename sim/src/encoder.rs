@@ -1,4 +1,6 @@
-//! The encoder's side of the line: from position to the bits of a BiSS-C frame.
+//! The encoder's side of the line: from position to the bits of a BiSS-C frame, or to [`sincos`].
+
+pub mod sincos;
 
 /// Count at mid-travel.
 pub const MID_TRAVEL_CT: u32 = 0x8000_0000;

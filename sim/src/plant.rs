@@ -104,6 +104,11 @@ impl Plant {
         self.carriage.encoder_frame()
     }
 
+    /// [`Carriage::encoder_signals`].
+    pub fn encoder_signals(&mut self) -> Option<crate::encoder::sincos::Reading> {
+        self.carriage.encoder_signals()
+    }
+
     /// The stage file's values.
     pub fn stage(&self) -> &Stage {
         self.carriage.stage()

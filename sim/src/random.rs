@@ -17,6 +17,8 @@ pub enum Purpose {
     PhaseAdc = 3,
     /// Noise of the bus-voltage and temperature converter.
     SlowAdc = 4,
+    /// Noise of the converters for sine and cosine.
+    SinCosAdc = 5,
 }
 
 /// The move index of a plant that has not begun a move.

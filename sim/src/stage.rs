@@ -5,8 +5,10 @@ use std::ops::Range;
 use serde::{Deserialize, Serialize};
 use toml::de::{DeTable, DeValue};
 
+pub mod encoder;
 mod friction;
 
+pub use encoder::Encoder;
 pub use friction::{Friction, FrictionModel, Spread};
 
 /// The built-in stage file, `sim/stages/als130h.toml`: a worked example of the format.
@@ -89,21 +91,6 @@ pub struct Adc {
     pub temperature_full_scale_c: f64,
 }
 
-/// The position encoder.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Encoder {
-    /// One count, m, at most 1e-3; the travel must fit into 2^32 of them.
-    pub count_m: f64,
-    /// White noise of a reading, m rms, 0 to 1e-3.
-    pub noise_m_rms: f64,
-    /// Age of a reading, s, 0 to 250e-6; 0 if not given. With it, a drive that computes for longer than this one can be had.
-    #[serde(default)]
-    pub latency_s: f64,
-    /// Zeros between idle and start bit of a frame (the encoder's processing time), 1 to 20.
-    pub acknowledge_bits: u32,
-}
-
 /// The file as it is written.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -113,7 +100,7 @@ struct File {
     motor: Motor,
     amplifier: Amplifier,
     adc: Adc,
-    encoder: Encoder,
+    encoder: encoder::File,
 }
 
 /// What is wrong with a stage file, and in which line (from 1).
@@ -150,6 +137,7 @@ impl Stage {
         let File { mechanics, friction, motor, amplifier, adc, encoder } =
             toml::from_str(text).map_err(|error| format_error(text, &error))?;
         let friction = friction.resolve().map_err(|misfit| misfit.error(text))?;
+        let encoder = encoder.resolve().map_err(|misfit| misfit.error(text))?;
         let stage = Stage { mechanics, friction, motor, amplifier, adc, encoder };
         let wrong = stage.limits().into_iter().find(|limit| !(limit.from..=limit.to).contains(&limit.value));
         wrong.map_or(Ok(stage), |limit| Err(limit.error(text)))
@@ -158,7 +146,6 @@ impl Stage {
     /// Every value with its range; NaN is in none of them.
     fn limits(&self) -> Vec<Limit> {
         let Stage { mechanics, friction, motor, amplifier, adc, encoder } = self;
-        let finest_count_m = mechanics.travel_m / (u64::from(u32::MAX) - 1) as f64;
         let limit = |key, value, from, to| Limit { key, value, from, to };
         let mut limits = vec![
             limit("mechanics.mass_kg", mechanics.mass_kg, 0.01, 1e3),
@@ -179,11 +166,8 @@ impl Stage {
             limit("adc.bus_full_scale_v", adc.bus_full_scale_v, 1.0, 1e3),
             limit("adc.temperature_zero_c", adc.temperature_zero_c, -300.0, 1e3),
             limit("adc.temperature_full_scale_c", adc.temperature_full_scale_c, adc.temperature_zero_c + 1.0, 1e3),
-            limit("encoder.count_m", encoder.count_m, finest_count_m, 1e-3),
-            limit("encoder.noise_m_rms", encoder.noise_m_rms, 0.0, 1e-3),
-            limit("encoder.latency_s", encoder.latency_s, 0.0, 250e-6),
-            limit("encoder.acknowledge_bits", f64::from(encoder.acknowledge_bits), 1.0, 20.0),
         ];
+        limits.extend(encoder.limits(mechanics));
         limits.extend(friction.limits(mechanics));
         limits
     }

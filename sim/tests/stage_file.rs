@@ -1,8 +1,11 @@
-//! Stage files: the three that come with the crate, and every way to get one wrong.
+//! Stage files: the four that come with the crate, and every way to get one wrong.
 
 use servo_sim::friction::{Element, Elements, Level};
+use servo_sim::stage::encoder::Kind;
 use servo_sim::stage::{BUILT_IN_TOML, FrictionModel};
 use servo_sim::{Carriage, Stage, StageError};
+
+const SIN_COS: &str = include_str!("../stages/sin-cos.toml");
 
 #[test]
 fn the_built_in_stage_is_the_published_one() {
@@ -28,6 +31,48 @@ fn the_third_stage_is_the_built_in_one_on_the_friction_of_table_4() {
     let friction = &stage.friction;
     assert_eq!((friction.model, friction.scaled_elements()), (FrictionModel::Gms, Elements::table_4()));
     assert_eq!(Stage { friction: Stage::default().friction, ..stage }, Stage::default());
+}
+
+#[test]
+fn the_fourth_stage_is_the_built_in_one_with_sine_and_cosine() {
+    let stage = Stage::from_toml(SIN_COS).unwrap();
+    let Kind::SinCos(signals) = stage.encoder.kind else { panic!("{:?}", stage.encoder) };
+    assert_eq!((signals.cos_offset, signals.sin_offset, signals.gain), (0.02, -0.02, 1.02));
+    assert!((signals.phase_rad.to_degrees() - 2.0).abs() < 1e-3);
+    assert_eq!(Stage { encoder: Stage::default().encoder, ..stage }, Stage::default());
+}
+
+#[test]
+fn an_encoder_table_that_does_not_fit_its_kind_is_refused_with_its_line() {
+    let edited = |text: &str, key: &str, replacement: &str| {
+        let number = 1 + text.lines().position(|line| line.starts_with(key)).unwrap();
+        let lines = text.lines().map(|line| if line.starts_with(key) { replacement } else { line });
+        (lines.collect::<Vec<_>>().join("\n"), number)
+    };
+    for (text, key, replacement, at, expected) in [
+        (BUILT_IN_TOML, "acknowledge", "", "[encoder]", "missing field `acknowledge_bits` of kind \"biss-c\""),
+        (BUILT_IN_TOML, "acknowledge", "acknowledge_bits = 12\ngain = 1.0", "gain", "only with kind = \"sin-cos\""),
+        (SIN_COS, "amplitude", "", "[encoder]", "missing field `amplitude` of kind \"sin-cos\""),
+        (SIN_COS, "gain", "acknowledge_bits = 12", "acknowledge_bits", "only with kind = \"biss-c\""),
+        (SIN_COS, "kind", "kind = \"endat\"", "kind", "unknown variant `endat`, expected `biss-c` or `sin-cos`"),
+        (SIN_COS, "amplitude", "amplitude = 1.5", "amplitude", "encoder.amplitude = 1.5 is outside 0.01 to 1.0"),
+        (SIN_COS, "phase", "phase_rad = 2.0", "phase", "encoder.phase_rad = 2.0 is outside -0.5 to 0.5"),
+        (
+            SIN_COS,
+            "counter",
+            "counter_late_s = 1.0",
+            "counter",
+            "encoder.counter_late_s = 1.0 is outside -1e-5 to 1e-5",
+        ),
+    ] {
+        let (text, _) = edited(text, key, replacement);
+        let line = 1 + text.lines().position(|line| line.starts_with(at)).unwrap();
+        let message = Stage::from_toml(&text).unwrap_err().to_string();
+        assert!(
+            message.starts_with(&format!("line {line}: ")) && message.contains(expected),
+            "{replacement}: {message}"
+        );
+    }
 }
 
 /// The built-in file with the line that starts with `key` replaced, and the number of that line.

@@ -15,8 +15,8 @@ use servo_protocol::message::{
 
 use crate::{Error, Link, VirtualBoard};
 
-/// Twice the age that a status can have.
-const STATUS_AGE: Duration = Duration::from_millis(10);
+/// Twice the age that a status can have, ticks.
+const OLDEST_STATUS: u32 = 160;
 /// How often a state is asked for while waiting for it.
 const POLL: Duration = Duration::from_millis(2);
 /// The same for the end of a save, which takes a second.
@@ -30,6 +30,8 @@ pub struct Session {
     /// The board.
     pub board: VirtualBoard,
     link: Link,
+    /// The tick that carried out the last order.
+    last_order: u32,
 }
 
 /// One captured sample.
@@ -45,7 +47,7 @@ impl Session {
     /// Talks to `board`.
     #[must_use]
     pub fn new(board: VirtualBoard) -> Self {
-        Session { board, link: Link::new() }
+        Session { board, link: Link::new(), last_order: 0 }
     }
 
     /// Sends a request and returns the reply, whatever it is.
@@ -62,19 +64,30 @@ impl Session {
     /// [`Error::Refused`] with the drive's reason, and those of [`Session::ask`].
     pub fn order(&mut self, request: &Request) -> Result<(), Error> {
         match self.ask(request)? {
-            Reply::Done => Ok(()),
+            Reply::Done { tick } => {
+                self.last_order = tick;
+                Ok(())
+            }
             other => Err(unexpected(request, &other)),
         }
     }
 
-    /// What the drive is doing.
+    /// What the drive is doing, after the last order.
     ///
     /// # Errors
     /// Those of [`Session::ask`].
     pub fn status(&mut self) -> Result<Status, Error> {
-        match self.ask(&Request::Status)? {
-            Reply::Status(status) => Ok(status),
-            other => Err(unexpected(&Request::Status, &other)),
+        loop {
+            match self.ask(&Request::Status)? {
+                // Much older than the last order: the drive has been restarted since.
+                Reply::Status(status) if status.tick + OLDEST_STATUS < self.last_order => {
+                    self.last_order = 0;
+                    return Ok(status);
+                }
+                Reply::Status(status) if status.tick < self.last_order => self.board.run_for(POLL)?,
+                Reply::Status(status) => return Ok(status),
+                other => return Err(unexpected(&Request::Status, &other)),
+            }
         }
     }
 
@@ -111,9 +124,7 @@ impl Session {
     pub fn commission(&mut self, settings: &Settings) -> Result<(), Error> {
         self.configure(settings)?;
         self.save_parameters()?;
-        self.order(&Request::ResetFault)?;
-        // None from before the reset shall be taken for one after it.
-        self.board.run_for(STATUS_AGE)
+        self.order(&Request::ResetFault)
     }
 
     /// Saves the parameters in use and waits until they are stored.
@@ -188,8 +199,6 @@ impl Session {
     /// A refusal, a fault on the way, and those of [`Session::ask`].
     pub fn move_to(&mut self, target_ct: i64, limits: Limits) -> Result<(), Error> {
         self.order(&Request::Move { target_ct, limits })?;
-        // A status may be from before the order, when nothing moved yet.
-        self.board.run_for(STATUS_AGE)?;
         self.wait_for("the end of the move", |status| !status.moving)?;
         Ok(())
     }

@@ -21,6 +21,7 @@ mod setup;
 mod test_suite;
 mod toolchain;
 mod version;
+mod virtual_drive;
 
 #[derive(Parser)]
 #[command(bin_name = "cargo xtask", about = "What a person types here; each word installs what it needs first.")]
@@ -34,6 +35,8 @@ struct Arguments {
 enum Word {
     /// Run the firmware on the virtual board: moves with and without the compensator, table and report
     Demo(demo::Options),
+    /// Build the virtual drive that `servoctl --virtual` talks to; print where its program and its firmware are
+    Virtual,
     /// Run every check that the server runs
     Test(test_suite::Options),
     /// Build the firmware; print path, memory use and hash of its ELF
@@ -75,6 +78,7 @@ fn main() -> ExitCode {
 fn run(word: Word, directory: &Path) -> Result<()> {
     match word {
         Word::Demo(options) => demo::run(&options.seen_from(directory)),
+        Word::Virtual => virtual_drive::build(),
         Word::Test(options) => test_suite::run(&options),
         Word::Firmware => firmware::build().map(|firmware| println!("{firmware}")),
         Word::Flash => firmware::flash(),

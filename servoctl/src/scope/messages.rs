@@ -123,8 +123,8 @@ pub enum ToPage {
         values: Vec<f64>,
         /// They differ from the stored ones; `None`: not known.
         unsaved: Option<bool>,
-        /// Fingerprint of the values.
-        fingerprint: String,
+        /// Fingerprint of the values, as `servoctl capture` writes it.
+        hash: String,
     },
     /// A captured settling.
     Capture(Trace),
@@ -201,10 +201,12 @@ pub struct Known {
     program: String,
     protocol: u16,
     servoctl: &'static str,
+    is_virtual: bool,
 }
 
-impl From<&Identity> for Known {
-    fn from(identity: &Identity) -> Self {
+impl Known {
+    /// The drive that calls itself `identity`; `is_virtual`: its stage is simulated.
+    pub fn new(identity: &Identity, is_virtual: bool) -> Self {
         Known {
             board: identity.board.to_string(),
             firmware: identity.firmware.map(|n| n.to_string()).join("."),
@@ -212,6 +214,7 @@ impl From<&Identity> for Known {
             program: format!("{:016x}", identity.program),
             protocol: identity.protocol,
             servoctl: env!("CARGO_PKG_VERSION"),
+            is_virtual,
         }
     }
 }
@@ -291,6 +294,8 @@ pub struct Trace {
     pub compensator: &'static str,
     /// Time between two samples, s.
     pub sample_s: f64,
+    /// Target of the move, m.
+    pub target_m: f64,
     /// Set-point − position, nm.
     pub error_nm: Vec<f64>,
     /// Position, relative to the target, nm.

@@ -7,6 +7,7 @@ use servo_core::compensator::Compensator;
 use servo_core::profile::Limits;
 use servo_core::settling::{Settling, TOLERANCES, TOLERANCES_NM};
 
+use crate::cli::drive::settled::is_quiet;
 use crate::settling::{Config, SettlingExperiment};
 
 /// Moves that are remembered.
@@ -27,7 +28,7 @@ pub struct Moved {
     pub settling_ms: [Option<f64>; TOLERANCES],
     /// How far it went past the target, nm.
     pub overshoot_nm: f64,
-    /// Root mean square of the error in position, nm; `None`: not known yet.
+    /// Root mean square of the error in position, nm; `None`: it was still creeping when it was looked at.
     pub rms_nm: Option<f64>,
     /// Largest minus smallest error in position, nm.
     pub peak_to_peak_nm: Option<f64>,
@@ -63,6 +64,8 @@ impl Moves {
     pub fn add(&mut self, by_ct: i64, kind: Kind, compensator: Compensator, settling: &Settling, count_m: f64) {
         self.made += 1;
         let nm = |counts: f64| counts * count_m * 1e9;
+        // In position only: what is still creeping is no noise.
+        let noise = settling.noise_ct2.filter(|_| is_quiet(settling));
         if self.last.len() == REMEMBERED {
             self.last.pop_front();
         }
@@ -72,8 +75,8 @@ impl Moves {
             compensator: compensator.name(),
             settling_ms: std::array::from_fn(|index| settling.settled_after_s(index).map(|s| 1e3 * s)),
             overshoot_nm: nm(f64::from(settling.overshoot_ct)),
-            rms_nm: settling.noise_ct2.map(|square| nm(f64::from(square).sqrt())),
-            peak_to_peak_nm: settling.noise_ct2.map(|_| nm(f64::from(settling.noise_peak_to_peak_ct))),
+            rms_nm: noise.map(|square| nm(f64::from(square).sqrt())),
+            peak_to_peak_nm: noise.map(|_| nm(f64::from(settling.noise_peak_to_peak_ct))),
             kind,
         });
     }
@@ -114,7 +117,7 @@ mod tests {
 
     /// All tolerances left for the last time after so many ms.
     fn settled(after_ms: u32) -> Settling {
-        Settling { ticks: 8000, settled_after_ticks: [8 * after_ms; TOLERANCES], noise_ct2: Some(100.0), ..Settling::default() }
+        Settling { ticks: 16_000, settled_after_ticks: [8 * after_ms; TOLERANCES], noise_ct2: Some(100.0), ..Settling::default() }
     }
 
     #[test]
@@ -129,6 +132,14 @@ mod tests {
         let near = |value: f64, expected: f64| (value - expected).abs() < 1e-9;
         assert!(near(moved.overshoot_nm, 7.0) && near(moved.rms_nm.unwrap(), 1.0));
         assert!(near(moved.peak_to_peak_nm.unwrap(), 4.0));
+    }
+
+    #[test]
+    fn creeping_is_no_noise() {
+        let mut moves = Moves::default();
+        moves.add(1, KIND, Compensator::None, &settled(1900), COUNT_M);
+        let moved = moves.last().next().unwrap();
+        assert_eq!((moved.rms_nm, moved.peak_to_peak_nm), (None, None));
     }
 
     #[test]

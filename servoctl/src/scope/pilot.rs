@@ -10,17 +10,18 @@ use servo_core::compensator::Compensator;
 use servo_core::parameters::{Parameter, Settings, TABLE};
 use servo_core::profile::Limits;
 use servo_core::refusal::Refusal;
-use servo_core::settling::{NOISE_TICKS, TOLERANCES};
 use servo_protocol::message::{Request, Status};
-use servo_protocol::program::Fingerprint;
 
 use super::hub::{Hub, Order, Wake};
 use super::messages::{Action, Known, MOST_MOVES, Move, Shown, ToPage, Trace, compensator, seconds};
 use super::moves::{Kind, Moves};
+use crate::cli::drive::Connected;
+use crate::cli::drive::capture::parameter_hash;
+use crate::cli::drive::settled::is_known;
 use crate::link::{Captured, Drive, Error};
 
 /// How a drive is reached, again after a link broke.
-pub type Connect = Box<dyn FnMut() -> Result<Drive, Error> + Send>;
+pub type Connect = Box<dyn FnMut() -> anyhow::Result<Connected> + Send>;
 
 /// Time between two looks at the drive.
 const LOOK: Duration = Duration::from_millis(20);
@@ -30,19 +31,17 @@ const RECONNECT: Duration = Duration::from_secs(1);
 const READ: Duration = Duration::from_millis(15);
 /// Samples of a capture: what fits a page, at 8 kHz half a second.
 const SAMPLES: u32 = 4000;
-/// Longest time that a move may take to settle, ticks: 3 s. Then it counts with what it has not reached.
-const PATIENCE_TICKS: u32 = 3 * SERVO_HZ;
 
 /// Works until the hub ends.
 pub fn run(hub: &Arc<Hub>, orders: &Receiver<Wake>, mut connect: Connect) {
     let mut moves = Moves::default();
     while !hub.ends() {
         let trouble = match connect() {
-            Ok(drive) => Pilot::new(hub, drive, &mut moves).fly(orders).err(),
-            Err(error) => Some(error),
+            Ok(connected) => Pilot::new(hub, connected, &mut moves).fly(orders).err().map(|error| words(&error)),
+            Err(error) => Some(one_line(&format!("{error:#}"))),
         };
-        if let Some(error) = trouble {
-            let trouble = format!("{}; trying again", words(&error));
+        if let Some(trouble) = trouble {
+            let trouble = format!("{trouble}; trying again");
             hub.publish(&ToPage::Link { drive: None, trouble: Some(trouble.clone()) });
             pause(hub, orders, &trouble);
         }
@@ -64,6 +63,7 @@ fn pause(hub: &Hub, orders: &Receiver<Wake>, trouble: &str) {
 struct Pilot<'a> {
     hub: &'a Hub,
     drive: Drive,
+    is_virtual: bool,
     moves: &'a mut Moves,
     settings: Settings,
     /// Counts up whenever a parameter other than the choice of the compensator is changed.
@@ -91,10 +91,11 @@ struct Course {
 }
 
 impl<'a> Pilot<'a> {
-    fn new(hub: &'a Hub, drive: Drive, moves: &'a mut Moves) -> Self {
+    fn new(hub: &'a Hub, connected: Connected, moves: &'a mut Moves) -> Self {
         Pilot {
             hub,
-            drive,
+            drive: connected.drive,
+            is_virtual: connected.is_virtual,
             moves,
             settings: Settings::default(),
             changes: 0,
@@ -111,7 +112,8 @@ impl<'a> Pilot<'a> {
     /// # Errors
     /// The link is gone.
     fn fly(&mut self, orders: &Receiver<Wake>) -> Result<(), Error> {
-        self.hub.publish(&ToPage::Link { drive: Some(Known::from(self.drive.identity())), trouble: None });
+        let known = Known::new(self.drive.identity(), self.is_virtual);
+        self.hub.publish(&ToPage::Link { drive: Some(known), trouble: None });
         self.read_parameters()?;
         loop {
             let next = Instant::now() + LOOK;
@@ -139,10 +141,9 @@ impl<'a> Pilot<'a> {
     fn read_parameters(&mut self) -> Result<(), Error> {
         self.settings = self.drive.parameters()?;
         let values: Vec<f64> = TABLE.iter().map(|row| row.get(&self.settings)).collect();
-        let bytes = values.iter().map(|value| value.to_le_bytes());
-        let fingerprint = bytes.fold(Fingerprint::default(), |print, bytes| print.with(&bytes)).0;
         let unsaved = Some(self.drive.parameter_store()?.unsaved);
-        self.hub.publish(&ToPage::Parameters { values, unsaved, fingerprint: format!("{fingerprint:016x}") });
+        let hash = format!("{:016x}", parameter_hash(&self.settings));
+        self.hub.publish(&ToPage::Parameters { values, unsaved, hash });
         Ok(())
     }
 
@@ -188,7 +189,6 @@ impl<'a> Pilot<'a> {
             return Ok(());
         }
         let settling = self.drive.settling()?;
-        let settled = settling.ticks >= NOISE_TICKS && (0..TOLERANCES).all(|i| settling.settled_after_s(i).is_some());
         if course.capture && matches!(status.capture, capture::Progress::Complete(_)) {
             let until = Instant::now() + READ;
             while course.captured.len() < course.order.samples as usize && Instant::now() < until {
@@ -196,7 +196,7 @@ impl<'a> Pilot<'a> {
             }
         }
         let read = !course.capture || course.captured.len() >= course.order.samples as usize;
-        if !read || !(settled || settling.ticks >= PATIENCE_TICKS) {
+        if !read || !is_known(&settling) {
             return Ok(());
         }
         let Some(course) = self.course.take() else { return Ok(()) };
@@ -329,6 +329,7 @@ fn trace(course: &Course, number: u32, compensator: Compensator, count_m: f64) -
         number,
         compensator: compensator.name(),
         sample_s: seconds(course.order.every_ticks),
+        target_m: course.target_ct as f64 * count_m,
         error_nm: samples.iter().map(|s| nm(s.error_ct)).collect(),
         position_nm: samples.iter().map(|s| nm(s.position_ct.wrapping_sub(course.target_ct as u32) as i32)).collect(),
         force_n: samples.iter().map(|s| s.force_n).collect(),
@@ -353,6 +354,10 @@ fn words(error: &Error) -> String {
             format!("{refusal}{help}")
         }
         Error::Interrupted { what, why, .. } => format!("{what}: {why}"),
-        other => other.to_string().replace("\n  ", "; "),
+        other => one_line(&other.to_string()),
     }
+}
+
+fn one_line(text: &str) -> String {
+    text.replace("\n  ", "; ")
 }

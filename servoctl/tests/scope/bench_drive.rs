@@ -23,7 +23,8 @@ use servo_protocol::message::{
 };
 use servo_protocol::server::{Incoming, Server};
 use servo_sim::Stage;
-use servoctl::link::{Client, Drive, Error, Patience, Port};
+use servoctl::cli::drive::Connected;
+use servoctl::link::{Client, Drive, Patience, Port};
 
 /// A computer that is busy elsewhere lets the drive fall behind rather than rush.
 const MOST_TICKS_AT_ONCE: u32 = 400;
@@ -64,9 +65,10 @@ impl BenchDrive {
     }
 
     /// What the scope connects to, as often as it likes: a new drive each time.
-    pub fn connect(pulled: &Cable) -> Result<Drive, Error> {
+    pub fn connect(pulled: &Cable) -> anyhow::Result<Connected> {
         let drive = BenchDrive::new(pulled.clone());
-        Drive::connect(Client::new(Box::new(drive), Patience::VIRTUAL, 1))
+        let drive = Drive::connect(Client::new(Box::new(drive), Patience::VIRTUAL, 1))?;
+        Ok(Connected { drive, is_virtual: true })
     }
 
     fn tick(&mut self, command: Option<Command>) -> Option<Result<(), Refusal>> {
