@@ -15,10 +15,13 @@ export function wireControls(known, order) {
   at("compensator").addEventListener("change", () => choose(at("compensator").value));
   at("jog-back").addEventListener("click", () => jog(order, -1));
   at("jog-forward").addEventListener("click", () => jog(order, 1));
-  at("move").addEventListener("submit", (event) => {
-    event.preventDefault();
-    move(order, at("target").value, false, Number(at("count").value));
+  const moveTo = () => move(order, at("target").value, false, Number(at("count").value));
+  at("move-to").addEventListener("click", moveTo);
+  // Enter moves from the target's field only: in the others it ends typing.
+  at("target").addEventListener("keydown", (event) => {
+    if (event.key === "Enter" && !event.repeat && !at("move-to").disabled) moveTo();
   });
+  at("move").addEventListener("submit", (event) => event.preventDefault());
   at("move-by").addEventListener("click", () => move(order, at("target").value, true, Number(at("count").value)));
 }
 

@@ -15,7 +15,7 @@ const known = { welcome: null, role: null, link: null, parameters: null, status:
 /// Shows something that went wrong or happened, until it is dismissed or something newer comes.
 export function notice(text) {
   at("notice").hidden = !text;
-  at("notice").querySelector("p").textContent = text;
+  at("notice").querySelector("p").textContent = sentence(text);
 }
 
 /// Sends what is wanted and shows a refusal.
@@ -73,9 +73,8 @@ function showRole() {
   const mine = commander === known.welcome.page;
   document.body.dataset.role = mine ? "commands" : "looks-on";
   at("role").hidden = mine;
-  const others = `${pages} pages are open.`;
   at("role").querySelector("p").textContent =
-    `Page ${commander} commands, this is page ${known.welcome.page}: it looks on. ${others} Stop works here too.`;
+    `Page ${commander} commands, this is page ${known.welcome.page} of ${pages}: it looks on. Stop works here too.`;
   showControls(known);
 }
 
@@ -87,6 +86,7 @@ function showLink() {
   if (drive) {
     at("board").textContent = drive.board;
     at("firmware").textContent = `firmware ${drive.firmware}`;
+    at("simulated").hidden = !drive.is_virtual;
     at("firmware").title = `serial ${drive.serial}, program ${drive.program}, protocol ${drive.protocol}`;
   } else {
     at("state").textContent = "not connected";

@@ -1,7 +1,7 @@
 // Tables of settling: moves like the last one without and with a compensator, and the last moves one by one.
 
 import { download } from "./csv.js";
-import { fixed, length } from "./units.js";
+import { fixed, shortLength } from "./units.js";
 
 const at = (id) => document.getElementById(id);
 const SHOWN = 8;
@@ -10,8 +10,8 @@ const SHOWN = 8;
 export function origin(known) {
   const drive = known.link?.drive;
   return [
-    `servoctl ${drive?.servoctl ?? "?"}, firmware ${drive?.firmware ?? "?"} (program ${drive?.program ?? "?"}), ${drive?.board ?? "?"}`,
-    `parameters ${known.parameters?.fingerprint ?? "?"}`,
+    `servoctl ${drive?.servoctl ?? "?"}, firmware ${drive?.firmware ?? "?"} (program ${drive?.program ?? "?"}) on ${drive?.board ?? "?"}${drive?.is_virtual ? ", simulated" : ""}`,
+    `parameters ${known.parameters?.hash ?? "?"}`,
   ];
 }
 
@@ -28,7 +28,7 @@ export function wireMoves(known) {
     columns.overshoot_nm = last.map((m) => m.overshoot_nm);
     columns.in_position_rms_nm = last.map((m) => m.rms_nm);
     columns.in_position_peak_to_peak_nm = last.map((m) => m.peak_to_peak_nm);
-    download("moves.csv", [...origin(known), "empty: not settled when it was looked at, 3 s after the profile or less"], columns);
+    download("moves.csv", [...origin(known), "units: m, ms from the end of the profile, nm; empty: not within 2 s"], columns);
   });
 }
 
@@ -40,7 +40,7 @@ export function showMoves(known) {
   const newest = last[last.length - 1];
   const counts = settling.configs.map((config) => `${config.settling_ms.length} with ${config.name}`).join(", ");
   at("statistics-caption").textContent =
-    `Moves over ${length(Math.abs(newest.by_m))} with the present limits and parameters: ${counts}. Time from the end of the profile.`;
+    `Moves over ${shortLength(Math.abs(newest.by_m))} with the present limits and parameters: ${counts}. Time from the end of the profile.`;
   statistics(settling);
   single(known.welcome.tolerances_nm, last);
 }
@@ -84,13 +84,13 @@ function statistics({ tolerances_nm, configs, reduction_percent }) {
 
 function single(tolerances_nm, last) {
   const shown = [0, 2, tolerances_nm.length - 1];
-  const head = ["move", "by", "with", ...shown.map((t) => `±${tolerances_nm[t]} nm, ms`), "past, nm", "rms, nm", "p-p, nm"];
+  const head = ["move", "by", "with", ...shown.map((t) => `±${tolerances_nm[t]}, ms`), "past", "rms", "p-p, nm"];
   const body = last
     .slice(-SHOWN)
     .reverse()
     .map((m) => [
       `${m.number}`,
-      length(m.by_m),
+      shortLength(m.by_m),
       m.compensator,
       ...shown.map((t) => fixed(m.settling_ms[t], 1)),
       fixed(m.overshoot_nm, 1),

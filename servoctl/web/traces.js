@@ -149,10 +149,20 @@ function range(values) {
 function liveCsv(known) {
   const view = held ?? window_();
   const keep = live.time_s.map((time) => time >= view.from && time <= view.to);
-  const columns = Object.fromEntries(Object.entries(live).map(([name, values]) => [name, values.filter((_, i) => keep[i])]));
+  const kept = (values) => values.filter((_, i) => keep[i]);
+  const columns = {
+    time_s: kept(live.time_s),
+    error_m: kept(live.error_nm).map(metres),
+    position_m: kept(live.position_m).map((value) => fixed12(value)),
+    force_n: kept(live.force_n),
+  };
   const level = trigger.mode === "off" ? "none" : `${at("signal").value} ${trigger.mode} through ${at("level").value}`;
-  download("live.csv", [...origin(known), "rate: each status that the page got, about 50 Hz", `trigger: ${level}`], columns);
+  download("live.csv", [...origin(known), "rate: each status that the page got, about 50 Hz", `trigger: ${level}`, UNITS], columns);
 }
+
+const UNITS = "units: s, m, m, N";
+const metres = (nm) => (nm * 1e-9).toExponential(6);
+const fixed12 = (value_m) => value_m.toFixed(12);
 
 // Settling -----------------------------------------------------------------------------------------------------------
 
@@ -198,11 +208,12 @@ function captureCsv(known) {
     ...origin(known),
     `rate: ${1 / capture.sample_s} Hz`,
     `trigger: end of the profile of move ${capture.number}, ${capture.compensator}`,
-    "position: relative to the target",
+    UNITS,
   ];
-  const { error_nm, position_nm, force_n } = capture;
-  const time_s = error_nm.map((_, i) => fixed(i * capture.sample_s, 6));
-  download(`move-${capture.number}.csv`, notes, { time_s, error_nm, position_nm, force_n });
+  const time_s = capture.error_nm.map((_, i) => (i * capture.sample_s).toFixed(6));
+  const error_m = capture.error_nm.map(metres);
+  const position_m = capture.position_nm.map((nm) => fixed12(capture.target_m + nm * 1e-9));
+  download(`move-${capture.number}.csv`, notes, { time_s, error_m, position_m, force_n: capture.force_n });
 }
 
 // Force over position ------------------------------------------------------------------------------------------------

@@ -44,8 +44,15 @@ export function fixed(value, decimals) {
   return Number(text) === 0 ? text.replace("-", "") : text.replace("-", "−");
 }
 
-/// A parameter's value: all its digits, exponents where they are shorter.
+/// A length of which only the digits that count are shown: `5 mm`, `−200 nm`.
+export function shortLength(value_m) {
+  const [unit, size] = lengthUnit(value_m);
+  return `${String(+(value_m / size).toPrecision(7)).replace("-", "−")} ${unit}`;
+}
+
+/// A number with at most ten digits: as it is, or with an exponent where that is shorter.
 export function plain(value) {
-  const text = String(value);
-  return text.length <= 12 ? text : Number(value.toPrecision(10)).toString();
+  const rounded = Number(value.toPrecision(10));
+  const [text, scientific] = [String(rounded), rounded.toExponential().replace("e+", "e")];
+  return text.length <= scientific.length + 2 ? text : scientific;
 }

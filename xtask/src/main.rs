@@ -17,6 +17,7 @@ mod host;
 mod parameter_page;
 mod process;
 mod qemu;
+mod scope;
 mod setup;
 mod test_suite;
 mod toolchain;
@@ -55,7 +56,9 @@ enum Word {
     Fuzz(fuzz::Options),
     /// Write the pages of docs/ that are made from tables in code
     Docs,
-    /// Install what is missing: embedded toolchain, QEMU, C compiler (every other word does it by itself)
+    /// Fetch the plotting library of the page that `servoctl scope` serves
+    Scope,
+    /// Install what is missing: embedded toolchain, QEMU, C compiler, npm, Chromium (every other word does it by itself)
     Setup {
         /// Only say what would be done
         #[arg(long)]
@@ -87,6 +90,7 @@ fn run(word: Word, directory: &Path) -> Result<()> {
         Word::Bench(options) => bench::run(&options.seen_from(directory)),
         Word::Fuzz(options) => fuzz::run(&options.seen_from(directory)),
         Word::Docs => docs::write(),
+        Word::Scope => scope::bundle(),
         Word::Setup { dry_run } => setup::all(dry_run),
     }
 }

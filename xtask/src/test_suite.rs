@@ -7,7 +7,7 @@ use anyhow::{Result, bail};
 use clap::ValueEnum;
 
 use crate::firmware::{self, Firmware};
-use crate::{demo, embedded, host, process, qemu, setup};
+use crate::{demo, embedded, host, process, qemu, scope, setup};
 
 /// What the test suite can be told.
 #[derive(clap::Args)]
@@ -35,6 +35,8 @@ enum Step {
     Docs,
     /// Control law, simulated stage, protocol, host tool
     HostTests,
+    /// The scope page in a real browser
+    Scope,
     /// The experiments' results are the same optimised
     SameBits,
     /// The firmware's ELF
@@ -101,6 +103,7 @@ fn run_step(step: Step) -> Result<()> {
         }
         Step::Docs => documentation(),
         Step::HostTests => process::run(&mut host::cargo("test"), "host tests"),
+        Step::Scope => scope::test(),
         Step::SameBits => {
             let mut test = host::cargo("test");
             process::run(test.args(["--release", "--package", "servoctl", "--test", "same_bits"]), "results, optimised")

@@ -18,7 +18,7 @@ pub mod theory;
 use clap::{CommandFactory, Parser, Subcommand};
 use std::process::ExitCode;
 
-use drive::{Link, capture, faults, identity, log, motion, params, sequence, virtual_drive, watch};
+use drive::{Link, capture, faults, identity, log, motion, params, scope, sequence, virtual_drive, watch};
 
 /// Talks to a servo drive, runs its experiments and reports them.
 #[derive(Debug, Parser)]
@@ -59,6 +59,8 @@ pub enum Command {
     Capture(capture::Options),
     /// Print the firmware's log
     Log(log::Options),
+    /// Show the drive live on a page in the browser, and command it from there
+    Scope(scope::Options),
     /// Start the firmware anew (bridge off)
     Restart(identity::Options),
     /// List serial ports that may be drives
@@ -115,6 +117,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         Command::Watch(options) => watch::run(link, options),
         Command::Capture(options) => return capture::run(link, options),
         Command::Log(options) => log::run(link, options),
+        Command::Scope(options) => scope::run(link, options),
         Command::Restart(options) => identity::restart(link, options),
         Command::Ports(options) => identity::ports(options),
         Command::Virtual(options) => virtual_drive::run(options),

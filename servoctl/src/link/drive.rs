@@ -297,7 +297,9 @@ impl Drive {
     pub fn read_captured(&mut self, first: u32) -> Result<Vec<Captured>, Error> {
         let first = first * WORDS_PER_SAMPLE;
         let words = self.query(&Request::ReadCapture { first }, |reply| match reply {
-            Reply::Capture { first: at, words } if at == first && words.len() >= WORDS_PER_SAMPLE as usize => Some(words),
+            Reply::Capture { first: at, words } if at == first && words.len() >= WORDS_PER_SAMPLE as usize => {
+                Some(words)
+            }
             _ => None,
         })?;
         let sample = |w: &[u32]| Captured { error_ct: w[0] as i32, position_ct: w[1], force_n: f32::from_bits(w[2]) };

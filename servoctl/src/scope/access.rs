@@ -143,10 +143,16 @@ mod tests {
             (Some("null"), false),
             (None, false),
         ] {
-            assert_eq!(at("127.0.0.1:8080").check_origin(&headers("127.0.0.1:8080", origin)).is_ok(), heard, "{origin:?}");
+            assert_eq!(
+                at("127.0.0.1:8080").check_origin(&headers("127.0.0.1:8080", origin)).is_ok(),
+                heard,
+                "{origin:?}"
+            );
         }
         // The name was made to lead here, and the page agrees with it: still not ours.
-        assert!(at("127.0.0.1:8080").check_origin(&headers("evil.example:8080", Some("http://evil.example:8080"))).is_err());
+        assert!(
+            at("127.0.0.1:8080").check_origin(&headers("evil.example:8080", Some("http://evil.example:8080"))).is_err()
+        );
     }
 
     #[test]

@@ -29,6 +29,7 @@ macro_rules! bundled {
 /// Every file that is served.
 pub const ASSETS: &[Asset] = &[
     ours!("/", "text/html; charset=utf-8", "index.html"),
+    ours!("/icon.svg", "image/svg+xml", "icon.svg"),
     ours!("/style.css", CSS, "style.css"),
     ours!("/page.js", JS, "page.js"),
     ours!("/connection.js", JS, "connection.js"),

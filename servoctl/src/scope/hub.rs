@@ -260,8 +260,7 @@ mod tests {
     #[test]
     fn a_late_page_is_shown_the_last_of_everything() {
         let (hub, _orders) = Hub::new();
-        let parameters =
-            |hash: &str| ToPage::Parameters { values: vec![1.0], unsaved: None, hash: hash.to_owned() };
+        let parameters = |hash: &str| ToPage::Parameters { values: vec![1.0], unsaved: None, hash: hash.to_owned() };
         hub.publish(&parameters("old"));
         hub.publish(&parameters("new"));
         hub.publish(&ToPage::Notice { text: "gone".to_owned() });

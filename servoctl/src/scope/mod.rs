@@ -53,7 +53,8 @@ impl Scope {
         listener.set_nonblocking(true).context("the page's socket")?;
         let access = Access::new(listener.local_addr().context("the page's socket")?, token);
         let url = access.url();
-        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().context("the page's server")?;
+        let runtime =
+            tokio::runtime::Builder::new_current_thread().enable_all().build().context("the page's server")?;
         let (hub, orders) = Hub::new();
         let shared = Shared { access: Arc::new(access), hub: hub.clone() };
         let (end, ended) = tokio::sync::oneshot::channel();

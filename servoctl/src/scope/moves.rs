@@ -117,7 +117,12 @@ mod tests {
 
     /// All tolerances left for the last time after so many ms.
     fn settled(after_ms: u32) -> Settling {
-        Settling { ticks: 16_000, settled_after_ticks: [8 * after_ms; TOLERANCES], noise_ct2: Some(100.0), ..Settling::default() }
+        Settling {
+            ticks: 16_000,
+            settled_after_ticks: [8 * after_ms; TOLERANCES],
+            noise_ct2: Some(100.0),
+            ..Settling::default()
+        }
     }
 
     #[test]

@@ -277,7 +277,8 @@ impl<'a> Pilot<'a> {
         };
         within("number of moves", f64::from(wanted.count), 1.0, f64::from(MOST_MOVES), "")?;
         // The drive refuses what is outside its travel; this is what fits its integers.
-        let distance_ct = (within("target", wanted.to_m, -10.0, 10.0, " m")? / self.settings.encoder_count_m).round() as i64;
+        let distance_ct =
+            (within("target", wanted.to_m, -10.0, 10.0, " m")? / self.settings.encoder_count_m).round() as i64;
         let longest_s = seconds(SAMPLES * 80);
         let window_s = within("window", wanted.window_s, 0.001, longest_s, " s")?;
         let ticks = (window_s * f64::from(SERVO_HZ)).round() as u32;
@@ -292,13 +293,21 @@ impl<'a> Pilot<'a> {
     }
 
     /// Begins a move, `left` more of which are to come with it, there and back.
-    fn set_off(&mut self, target_ct: i64, by_ct: i64, limits: Limits, order: capture::Order, left: u32) -> Result<(), Error> {
+    fn set_off(
+        &mut self,
+        target_ct: i64,
+        by_ct: i64,
+        limits: Limits,
+        order: capture::Order,
+        left: u32,
+    ) -> Result<(), Error> {
         // The order is for the next profile that ends: while one runs the drive refuses the move, and its capture goes on.
         let rest = self.course.as_ref().is_none_or(|course| !course.moving);
         let capture = rest && self.drive.arm_capture(order).is_ok();
         self.drive.order(&Request::Move { target_ct, limits })?;
         self.target_ct = Some(target_ct);
-        self.course = Some(Course { limits, order, left, target_ct, by_ct, moving: true, captured: Vec::new(), capture });
+        self.course =
+            Some(Course { limits, order, left, target_ct, by_ct, moving: true, captured: Vec::new(), capture });
         Ok(())
     }
 

@@ -50,10 +50,7 @@ pub fn router(shared: Shared) -> Router {
         let answer = move || async move { ([(header::CONTENT_TYPE, asset.media_type)], asset.text) };
         router = router.route(asset.path, get(answer));
     }
-    router
-        .route("/ws", any(upgrade))
-        .layer(middleware::from_fn_with_state(shared.clone(), guard))
-        .with_state(shared)
+    router.route("/ws", any(upgrade)).layer(middleware::from_fn_with_state(shared.clone(), guard)).with_state(shared)
 }
 
 /// Refuses what is not addressed to this server, and tells browsers to be strict with what is sent.

@@ -130,7 +130,9 @@ impl Browser {
 
     /// Replaces the text of a field and presses Enter.
     pub fn enter(&mut self, selector: &str, text: &str) {
-        self.eval(&format!("document.querySelector({selector:?}).focus(); document.querySelector({selector:?}).select()"));
+        self.eval(&format!(
+            "document.querySelector({selector:?}).focus(); document.querySelector({selector:?}).select()"
+        ));
         self.call("Input.insertText", json!({"text": text}));
         self.press("Enter", "Enter", 13, "\r");
     }
@@ -204,8 +206,11 @@ fn start(program: &str, profile: &Path) -> Option<Child> {
 /// Base64 as the debugging protocol sends pictures.
 fn decode(text: &str) -> Vec<u8> {
     const DIGITS: &[u8] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-    let digits: Vec<u32> =
-        text.bytes().filter_map(|byte| DIGITS.iter().position(|digit| *digit == byte)).map(|digit| digit as u32).collect();
+    let digits: Vec<u32> = text
+        .bytes()
+        .filter_map(|byte| DIGITS.iter().position(|digit| *digit == byte))
+        .map(|digit| digit as u32)
+        .collect();
     let bytes = digits.chunks(4).flat_map(|four| {
         let bits = (0..4).fold(0, |bits, i| bits << 6 | four.get(i).copied().unwrap_or(0));
         bits.to_be_bytes()[1..four.len()].to_vec()

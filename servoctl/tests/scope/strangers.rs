@@ -140,7 +140,10 @@ fn a_foreign_page_in_the_same_browser_reaches_nothing() {
         for stream in site.incoming().map_while(Result::ok) {
             let mut stream = stream;
             let _ = stream.read(&mut [0; 4096]);
-            let _ = write!(stream, "HTTP/1.1 200 OK\r\nContent-Type: text/html\r\nContent-Length: 4\r\nConnection: close\r\n\r\nevil");
+            let _ = write!(
+                stream,
+                "HTTP/1.1 200 OK\r\nContent-Type: text/html\r\nContent-Length: 4\r\nConnection: close\r\n\r\nevil"
+            );
         }
     });
     let mut browser = Browser::open(&url, [800, 600]);

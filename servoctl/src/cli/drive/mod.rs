@@ -6,6 +6,7 @@ pub mod identity;
 pub mod log;
 pub mod motion;
 pub mod params;
+pub mod scope;
 pub mod sequence;
 pub mod settled;
 pub mod virtual_drive;
