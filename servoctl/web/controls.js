@@ -14,6 +14,7 @@ export function wireControls(known, order) {
   at("niasa").addEventListener("change", () => choose(at("niasa").checked ? NIASA : PLAIN));
   at("compensator").addEventListener("change", () => choose(at("compensator").value));
   at("jog-back").addEventListener("click", () => jog(order, -1));
+  at("sweep").addEventListener("click", () => move(order, at("step").value, true, 4, "2"));
   at("jog-forward").addEventListener("click", () => jog(order, 1));
   const moveTo = () => move(order, at("target").value, false, Number(at("count").value));
   at("move-to").addEventListener("click", moveTo);
@@ -25,20 +26,27 @@ export function wireControls(known, order) {
   at("move-by").addEventListener("click", () => move(order, at("target").value, true, Number(at("count").value)));
 }
 
+/// A step of the jog buttons, one way or the other.
 function jog(order, direction) {
   const step = at("step").value;
-  return move(order, direction < 0 ? `-${step}` : step, true, 1);
+  return move(order, direction < 0 ? `-${step}` : step, true, 1, at("pace").value);
 }
 
-/// Reads the fields and sends the move; what cannot be read is said below them.
-function move(order, distance, relative, count) {
+/// A little more than the slowest speed that a drive takes, m/s.
+const SLOWEST_M_PER_S = 1.001e-6;
+
+/// Reads the fields and sends the move; what cannot be read is said below them. `pace`: how long each move takes, s, if the limits
+/// allow it.
+function move(order, distance, relative, count, pace = "") {
   try {
     const jerk = at("jerk").value.trim();
+    const to_m = parse(distance, "m");
+    const limit_m_per_s = parse(at("velocity").value, "m/s");
     const action = {
       do: "move",
-      to_m: parse(distance, "m"),
+      to_m,
       relative,
-      velocity_m_per_s: parse(at("velocity").value, "m/s"),
+      velocity_m_per_s: pace ? Math.min(limit_m_per_s, Math.max(SLOWEST_M_PER_S, Math.abs(to_m) / Number(pace))) : limit_m_per_s,
       acceleration_m_per_s2: parse(at("acceleration").value, "m/s²"),
       jerk_m_per_s3: jerk ? parse(jerk, "m/s³") : null,
       count: Math.max(1, Math.round(count) || 1),
@@ -62,6 +70,7 @@ export function showControls(known) {
     disable: Boolean(status?.torque),
     "jog-back": rests,
     "jog-forward": rests,
+    sweep: rests,
     "move-to": rests,
     "move-by": rests,
     save: Boolean(status && !status.torque),

@@ -6,7 +6,8 @@ use std::process::Command;
 
 use anyhow::{Context, Result};
 
-use crate::{host, process, setup};
+use crate::firmware::Firmware;
+use crate::{host, process, setup, virtual_drive};
 
 const WEB: &str = "servoctl/web";
 const LOCK: &str = "package-lock.json";
@@ -42,14 +43,20 @@ pub fn bundle() -> Result<()> {
     write(&vendor.join(LOCK), &lock)
 }
 
-/// The page's tests, in a real browser.
+/// The page's tests, in a real browser, in front of the drive of core and of `firmware` on the virtual board.
 ///
 /// # Errors
 /// When set-up or a test fails.
-pub fn test() -> Result<()> {
+pub fn test(firmware: &Firmware) -> Result<()> {
     setup::chromium()?;
     bundle()?;
+    let program = virtual_drive::program()?;
+    // A drive of its own, whatever else runs here.
+    let state = std::path::absolute(target().join("scope/virtual-drive")).context("the target directory")?;
     let mut test = host::cargo("test");
+    test.env("SERVO_VIRTUAL_DRIVE", program)
+        .env("SERVO_ELF", host::absolute(&firmware.elf)?)
+        .env("SERVO_VIRTUAL_STATE", state);
     test.args(["--package", "servoctl", "--test", "scope", "--", "--include-ignored"]);
     process::run(&mut test, "the scope page in a browser")
 }

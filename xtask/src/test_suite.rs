@@ -35,8 +35,6 @@ enum Step {
     Docs,
     /// Control law, simulated stage, protocol, host tool
     HostTests,
-    /// The scope page in a real browser
-    Scope,
     /// The experiments' results are the same optimised
     SameBits,
     /// The firmware's ELF
@@ -47,6 +45,8 @@ enum Step {
     Qemu,
     /// The ELF on the emulated board
     VirtualBoard,
+    /// The scope page in a real browser
+    Scope,
     /// The demonstration with two moves
     Demo,
 }
@@ -103,7 +103,7 @@ fn run_step(step: Step) -> Result<()> {
         }
         Step::Docs => documentation(),
         Step::HostTests => process::run(&mut host::cargo("test"), "host tests"),
-        Step::Scope => scope::test(),
+        Step::Scope => scope::test(&firmware::build()?),
         Step::SameBits => {
             let mut test = host::cargo("test");
             process::run(test.args(["--release", "--package", "servoctl", "--test", "same_bits"]), "results, optimised")

@@ -14,8 +14,8 @@ use tungstenite::{Message, WebSocket};
 
 /// Names under which systems know it.
 const PROGRAMS: [&str; 3] = ["chromium", "chromium-browser", "google-chrome"];
-/// Only for what never happens; nothing is measured with it.
-const PATIENCE: Duration = Duration::from_secs(60);
+/// Only for what never happens; nothing is measured with it. A busy computer lets a second of the virtual board take twenty.
+const PATIENCE: Duration = Duration::from_secs(300);
 
 pub struct Browser {
     child: Child,

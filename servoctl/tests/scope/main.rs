@@ -4,8 +4,11 @@
 
 mod bench_drive;
 mod browser;
+mod orders;
 mod page;
+mod socket;
 mod strangers;
+mod virtual_drive;
 
 use bench_drive::{BenchDrive, Cable};
 use servoctl::scope::Scope;

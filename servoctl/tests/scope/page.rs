@@ -238,6 +238,22 @@ fn a_pulled_cable_is_said_and_a_new_one_is_found() {
 
 #[test]
 #[ignore = "needs Chromium: cargo xtask test --only scope"]
+fn a_sweep_draws_the_hysteresis_of_friction() {
+    let (scope, _cable) = scope();
+    let mut page = open(scope.url(), DESKTOP);
+    enable(&mut page);
+    page.click("#sweep");
+    page.wait_text("#moves tbody td", "4");
+    // Four moves of 2 s, seen fifty times a second if nothing is lost; and width: more than a line there and back.
+    page.wait("Number(document.querySelector('#loop').dataset.samples) > 100");
+    assert!(drawn(&mut page, "#loop") > 300);
+    if let Some(directory) = pictures() {
+        page.picture(&directory.join("sweep.png"));
+    }
+}
+
+#[test]
+#[ignore = "needs Chromium: cargo xtask test --only scope"]
 fn the_live_trace_waits_for_its_trigger() {
     let (scope, _cable) = scope();
     let mut page = open(scope.url(), DESKTOP);
@@ -267,8 +283,11 @@ fn on_a_phone_nothing_sticks_out_and_stop_stays_in_reach() {
     }
     page.eval("document.querySelector('#parameters details').open = true");
     let widths = "[document.documentElement.scrollWidth, innerWidth]";
-    assert_eq!(page.eval(widths), serde_json::json!([390, 390]));
+    assert_eq!(page.eval(widths), serde_json::json!([PHONE[0], PHONE[0]]));
     let stop = "(() => { const r = document.querySelector('#stop').getBoundingClientRect(); return r.bottom <= innerHeight && r.height >= 44 })()";
+    page.resize(DESKTOP);
+    assert_eq!(page.eval("document.documentElement.scrollWidth > document.documentElement.clientWidth"), false);
+    page.resize(PHONE);
     for scroll in ["0", "document.body.scrollHeight"] {
         page.eval(&format!("scrollTo(0, {scroll})"));
         assert_eq!(page.eval(stop), true);

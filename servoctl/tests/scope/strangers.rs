@@ -5,58 +5,10 @@ use std::net::{TcpListener, TcpStream};
 use std::thread;
 
 use serde_json::{Value, json};
-use tungstenite::client::IntoClientRequest;
-use tungstenite::stream::MaybeTlsStream;
-use tungstenite::{Error, Message, WebSocket};
 
 use crate::browser::Browser;
+use crate::socket::{say, socket, until_closed, until_said};
 use crate::{parts, scope};
-
-type Socket = WebSocket<MaybeTlsStream<TcpStream>>;
-
-/// A WebSocket as a browser would open it for a page of `origin`; refused: the HTTP status.
-fn socket(address: &str, host: &str, origin: Option<&str>) -> Result<Socket, u16> {
-    let mut request = format!("ws://{address}/ws").into_client_request().unwrap();
-    request.headers_mut().insert("host", host.parse().unwrap());
-    if let Some(origin) = origin {
-        request.headers_mut().insert("origin", origin.parse().unwrap());
-    }
-    match tungstenite::connect(request) {
-        Ok((socket, _)) => Ok(socket),
-        Err(Error::Http(response)) => Err(response.status().as_u16()),
-        Err(other) => panic!("{other}"),
-    }
-}
-
-fn say(socket: &mut Socket, token: &str, action: Value) {
-    let message = json!({"token": token, "id": 1, "action": action});
-    socket.send(Message::text(message.to_string())).unwrap();
-}
-
-/// Reads until the server closes; what it said until then.
-fn until_closed(socket: &mut Socket) -> (Vec<Value>, String) {
-    let mut said = Vec::new();
-    loop {
-        match socket.read() {
-            Ok(Message::Text(text)) => said.push(serde_json::from_str(&text).unwrap()),
-            Ok(Message::Close(frame)) => return (said, frame.map(|f| f.reason.to_string()).unwrap_or_default()),
-            Ok(_) => {}
-            Err(error) => panic!("{error}"),
-        }
-    }
-}
-
-/// Reads until the server has said something of this kind.
-fn until_said(socket: &mut Socket, kind: &str) -> Value {
-    loop {
-        if let Message::Text(text) = socket.read().unwrap() {
-            let said: Value = serde_json::from_str(&text).unwrap();
-            if said["kind"] == kind {
-                return said;
-            }
-        }
-    }
-}
 
 #[test]
 fn a_page_of_another_site_gets_no_socket() {
