@@ -29,6 +29,10 @@ pub enum Field {
     Decimation,
     /// Measured bus voltage, V.
     BusVoltage,
+    /// Number of signals of a capture.
+    Signals,
+    /// Number of samples of a capture from before its trigger.
+    SamplesBefore,
     /// Jerk of a move, m/s³.
     Jerk,
     /// Amplitude of an excitation, in the unit of what it is added to.
@@ -60,6 +64,8 @@ impl Field {
             Field::Samples => ("samples", ""),
             Field::Decimation => ("decimation", ""),
             Field::BusVoltage => ("bus voltage", "V"),
+            Field::Signals => ("signals", ""),
+            Field::SamplesBefore => ("samples before the trigger", ""),
             Field::Jerk => ("jerk", "m/s³"),
             Field::Amplitude => ("amplitude", ""),
             Field::Frequency => ("frequency", "Hz"),
@@ -102,6 +108,8 @@ pub enum Refusal {
     Saving,
     /// No valid parameters are stored.
     NothingStored,
+    /// The drive is halted by the controlword.
+    Halted,
 }
 
 impl Refusal {
@@ -126,6 +134,7 @@ impl core::fmt::Display for Refusal {
             Refusal::FaultPersists(fault) => write!(f, "the cause is still there: {}", fault.explanation()),
             Refusal::Saving => f.write_str("parameters are being saved: wait for its end"),
             Refusal::NothingStored => f.write_str("there are no valid stored parameters: save some first"),
+            Refusal::Halted => f.write_str("halted: clear the halt bit of the controlword first"),
             Refusal::Busy => f.write_str("the drive has not yet taken the last command: send this one again"),
         }
     }

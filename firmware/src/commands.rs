@@ -2,23 +2,32 @@
 
 use defmt::info;
 use embassy_executor::task;
+use embassy_sync::blocking_mutex::raw::ThreadModeRawMutex;
+use embassy_sync::channel::Channel;
+use embassy_time::{Duration, Timer, with_timeout};
 use embedded_io_async::{Read, Write};
 use heapless::Vec;
-use servo_board::Link;
-use servo_core::capture::{Progress, WORDS_PER_SAMPLE};
+use servo_board::watchdog::Client;
+use servo_board::{LinkReceiver, LinkSender};
+use servo_core::capture::{Complete, Progress};
 use servo_core::cascade::{CascadeGains, ParallelGains};
 use servo_core::config::{Compensator, Config};
 use servo_core::drive::Command;
 use servo_core::parameters::{Access, Parameter, Settings, TABLE};
 use servo_core::position::Position;
 use servo_core::record::flags;
-use servo_core::refusal::Refusal;
-use servo_protocol::frame::{MAX_FRAME, encode};
+use servo_core::refusal::{Field, Refusal};
+use servo_protocol::frame::{MAX_FRAME, TooLong, encode};
 use servo_protocol::message::{BLOCK_WORDS, Identity, PARAMETERS_PER_REPLY, Reply, Request, Status};
 use servo_protocol::server::{Incoming, Server};
+use servo_protocol::stream;
 
+use crate::clients;
 use crate::drive::{Answer, Commander, Latest};
 use crate::storage::Storage;
+
+/// While the line is silent, the task checks in with the watchdog this often.
+const CHECK_IN: Duration = Duration::from_millis(20);
 
 /// What the requests act upon.
 pub struct Commands {
@@ -34,48 +43,86 @@ pub struct Commands {
     pub storage: &'static Storage,
 }
 
+/// Frames on their way to the host, of every task.
+static OUT: Channel<ThreadModeRawMutex, Frame, 8> = Channel::new();
+
+/// A frame for the line.
+pub struct Frame {
+    bytes: [u8; MAX_FRAME],
+    length: usize,
+}
+
+impl Frame {
+    /// The frame of a reply.
+    ///
+    /// # Errors
+    /// One that is too long.
+    pub fn of(id: u32, reply: &Reply) -> Result<Frame, TooLong> {
+        let mut bytes = [0; MAX_FRAME];
+        let length = encode(id, reply, &mut bytes)?;
+        Ok(Frame { bytes, length })
+    }
+
+    /// Sends it if there is room; answers wait, streams do not.
+    pub fn try_send(self) -> bool {
+        OUT.try_send(self).is_ok()
+    }
+}
+
+/// Sends frames for ever.
+#[task]
+pub async fn send(mut tx: LinkSender) {
+    loop {
+        let frame = OUT.receive().await;
+        // What could not be sent the host misses and asks for again.
+        let _ = tx.write_all(&frame.bytes[..frame.length]).await;
+    }
+}
+
 /// Serves the link for ever.
 #[task]
-pub async fn run(link: Link, mut commands: Commands) {
-    let (mut tx, mut rx) = link.split();
+pub async fn run(mut rx: LinkReceiver, mut commands: Commands) {
+    let alive = Client::register(clients::COMMANDS);
     let mut server = Server::default();
     let mut bytes = [0; 64];
-    let mut frame = [0; MAX_FRAME];
     loop {
-        let received = match rx.read(&mut bytes).await {
-            Ok(received) => received,
-            Err(_) => {
+        alive.check_in();
+        let received = match with_timeout(CHECK_IN, rx.read(&mut bytes)).await {
+            Ok(Ok(received)) => received,
+            Ok(Err(_)) => {
                 server.count_unreadable();
-                0
+                continue;
             }
+            Err(_) => continue,
         };
         for byte in &bytes[..received] {
-            let (id, reply, restart) = match server.push(*byte) {
+            let incoming = server.push(*byte);
+            commands.latest.unreadable_frames.set(server.unreadable());
+            let (id, reply, restart) = match incoming {
                 None => continue,
                 Some(Incoming::Repeated { id, reply }) => (id, reply, false),
                 Some(Incoming::Fresh { id, request }) => {
                     let restart = matches!(request, Request::Restart);
-                    let reply = commands.handle(request).await;
+                    let reply = commands.handle(id, request).await;
                     server.answered(id, &reply);
                     (id, reply, restart)
                 }
             };
-            // Replies are bounded by the protocol; one that did not fit or could not be sent is one the host misses and
-            // asks for again.
-            if let Ok(length) = encode(id, &reply, &mut frame) {
-                let _ = tx.write_all(&frame[..length]).await;
+            // Replies are bounded by the protocol; one that did not fit is one the host misses and asks for again.
+            if let Ok(frame) = Frame::of(id, &reply) {
+                OUT.send(frame).await;
             }
             if restart && matches!(reply, Reply::Done { .. }) {
-                let _ = tx.flush().await;
+                // What is in the queue takes less.
+                Timer::after_millis(50).await;
                 servo_board::restart();
             }
         }
-        commands.latest.unreadable_frames.set(server.unreadable());
     }
 }
 
 impl Commands {
-    async fn handle(&mut self, request: Request) -> Reply {
+    async fn handle(&mut self, id: u32, request: Request) -> Reply {
         self.tell_of_save().await;
         let outcome = match request {
             Request::Identity => return Reply::Identity(self.identity.clone()),
@@ -106,6 +153,7 @@ impl Commands {
             Request::SetParameters(values) => self.set_parameters(&values).await,
             Request::Capture(order) => self.commander.capture(order).await,
             Request::Restart => self.keep_torque_off().await,
+            Request::Stream(order) => self.stream(id, order),
         };
         match outcome {
             Ok(tick) => Reply::Done { tick },
@@ -133,17 +181,25 @@ impl Commands {
             capture: snapshot.capture,
             bad_requests: self.latest.unreadable_frames.get(),
             lost_records: snapshot.records_dropped,
+            lost_blocks: self.latest.lost_blocks.get(),
         }
     }
 
-    /// Captured words from index `first` on, as many as there are and fit a reply.
+    /// Words of a complete capture from index `first` on, as many as there are and fit a reply.
     fn captured(&self, first: u32) -> Vec<u32, BLOCK_WORDS> {
-        let samples = match self.latest.snapshot.get().capture {
-            Progress::Running(samples) | Progress::Complete(samples) => samples,
-            Progress::Idle | Progress::Armed => 0,
+        let words = match self.latest.snapshot.get().capture {
+            Progress::Complete(Complete { order, .. }) => order.samples * order.words.count() as u32,
+            _ => 0,
         };
-        let end = samples.saturating_mul(WORDS_PER_SAMPLE).min(first.saturating_add(BLOCK_WORDS as u32));
+        let end = words.min(first.saturating_add(BLOCK_WORDS as u32));
         (first..end).map_while(|index| servo_board::capture::load(index as usize)).collect()
+    }
+
+    /// Hands the order to the telemetry task, which has the records.
+    fn stream(&self, id: u32, order: stream::Order) -> Answer {
+        Refusal::check(Field::Decimation, f64::from(order.every_ticks), 1.0, 8000.0)?;
+        self.latest.stream.set(Some((id, order)));
+        Ok(self.latest.record.get().sequence)
     }
 
     /// Values from id `first` on, as many as fit a reply.
@@ -169,11 +225,8 @@ impl Commands {
 
     /// Tells the drive how a save has ended: with the next request, because nobody but a request can ask for torque.
     async fn tell_of_save(&mut self) {
-        if self.storage.has_news() {
-            let stored = self.storage.stored().is_some();
-            if self.commander.execute(Command::EndSave { stored }).await.is_ok() {
-                self.storage.told();
-            }
+        if self.storage.has_news() && self.commander.execute(Command::EndSave).await.is_ok() {
+            self.storage.told();
         }
     }
 

@@ -21,6 +21,7 @@ use servo_core::drive::{Command, Counters};
 use servo_core::record::TickRecord;
 use servo_core::refusal::Refusal;
 use servo_core::settling::Settling;
+use servo_protocol::stream;
 use static_cell::{ConstStaticCell, StaticCell};
 
 /// Records that fit between two visits of the telemetry task: 15 ms.
@@ -88,7 +89,7 @@ impl Control for InInterrupts {
             let _ = self.answers.enqueue(output.outcome.unwrap_or(Ok(())).map(|()| tick));
         }
         if let Some(sample) = output.sample {
-            for (offset, word) in sample.words.into_iter().enumerate() {
+            for (offset, word) in sample.words.into_iter().enumerate().take(sample.count as usize) {
                 servo_board::capture::store(sample.at as usize + offset, word);
             }
         }
@@ -162,6 +163,10 @@ pub struct Latest {
     pub snapshot: Cell<Snapshot>,
     /// Frames on the serial link that could not be read.
     pub unreadable_frames: Cell<u32>,
+    /// What is to be streamed, and the number of the request that said so: for the telemetry task to take.
+    pub stream: Cell<Option<(u32, stream::Order)>>,
+    /// Blocks of streams that found the line busy.
+    pub lost_blocks: Cell<u32>,
 }
 
 /// Splits the drive. To be called once.

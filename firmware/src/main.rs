@@ -21,6 +21,13 @@ use static_cell::StaticCell;
 use crate::commands::Commands;
 use crate::drive::Latest;
 
+/// Numbers under which tasks check in with the watchdog.
+mod clients {
+    pub const TELEMETRY: u32 = 0;
+    pub const HOUSEKEEPING: u32 = 1;
+    pub const COMMANDS: u32 = 2;
+}
+
 /// Version of the firmware: major, minor, patch.
 const VERSION: [u16; 3] = [
     number(env!("CARGO_PKG_VERSION_MAJOR")),
@@ -48,8 +55,7 @@ async fn main(spawner: Spawner) {
         Ok(config) => config,
         Err(refusal) => return error!("not started: {}", refusal),
     };
-    let (in_interrupts, commander, reports) =
-        drive::split(if storage.is_commissioned() { Axis::new(config) } else { Axis::uncommissioned(config) });
+    let (in_interrupts, commander, reports) = drive::split(Axis::new(config));
     static LATEST: StaticCell<Latest> = StaticCell::new();
     let latest: &'static Latest = LATEST.init(Latest::default());
 
@@ -65,7 +71,10 @@ async fn main(spawner: Spawner) {
         serial: board.serial,
     };
     match board.link {
-        Ok(link) => spawn(&spawner, commands::run(link, Commands { identity, settings, commander, latest, storage })),
+        Ok((tx, rx)) => {
+            spawn(&spawner, commands::send(tx));
+            spawn(&spawner, commands::run(rx, Commands { identity, settings, commander, latest, storage }));
+        }
         Err(error) => error!("no serial link: {}", error),
     }
     spawn(&spawner, storage::run(flash, store, storage));

@@ -1,11 +1,13 @@
 //! Bytes from the serial link, as the drive and as the host read them.
 
-use servo_core::capture::Order;
+use servo_core::capture::{Order, Trigger};
 use servo_core::cascade::ParallelGains;
 use servo_core::config::Compensator;
 use servo_core::profile::Limits;
+use servo_core::record::Selection;
 use servo_protocol::frame::{Collector, FrameError, MAX_FRAME, MAX_PAYLOAD, encode};
 use servo_protocol::message::{Reply, Request};
+use servo_protocol::stream;
 
 /// Feeds the bytes to a collector of requests and to one of replies: as they come, then as the message of one frame with a right checksum,
 /// which no fuzzer would find by itself.
@@ -85,7 +87,14 @@ pub fn seeds() -> Vec<Vec<u8>> {
         Request::Gains(ParallelGains { kp_n_per_m: 4.31e5, ki_n_per_m_s: 1.6e7, kd_n_s_per_m: 912.0 }),
         Request::SetParameters([(0x0502, 4e6), (0x0503, 0.6)].into_iter().collect()),
         Request::GetParameter(0x0101),
-        Request::Capture(Order { samples: 100, every_ticks: 2 }),
+        Request::Capture(Order {
+            words: Selection::ERROR_POSITION_FORCE,
+            samples: 100,
+            before: 10,
+            every_ticks: 2,
+            trigger: Trigger::Error(50),
+        }),
+        Request::Stream(stream::Order { words: Selection::ERROR_POSITION_FORCE, every_ticks: 1 }),
         Request::ReadCapture { first: 90 },
         Request::ReadParameters { first: 0 },
         Request::SaveParameters,

@@ -28,22 +28,25 @@ mod pins;
 pub mod priorities;
 mod pwm;
 mod reset;
+pub mod watchdog;
 
 pub use control::{Control, PowerStage, StartFault};
 pub use flash::{FlashFault, ParameterFlash};
-pub use link::Link;
+pub use link::{LinkReceiver, LinkSender};
 pub use memory::{program, stack_free_bytes};
 pub use reset::{ResetCause, restart};
 
 /// Name of the board.
 pub const NAME: &str = "NUCLEO-H743ZI2";
 
+use servo_core::monitor::signals;
+
 /// What [`init`] leaves to the application.
 pub struct Board {
     /// Serial link: USART3, the virtual COM port of the on-board ST-LINK.
     ///
     /// An error means that the bit rate does not fit the clock, a defect of this crate.
-    pub link: Result<Link, embassy_stm32::usart::ConfigError>,
+    pub link: Result<(LinkSender, LinkReceiver), embassy_stm32::usart::ConfigError>,
     /// Bridge, current converters and encoder: configured, stopped, outputs off.
     pub power_stage: PowerStage,
     /// The two sectors that keep parameters.
@@ -81,6 +84,11 @@ pub fn init() -> Board {
 
     let link = link::open(p.USART3, p.PD9, p.PD8);
     let serial = [0, 1, 2].map(|word| embassy_stm32::pac::UID.uid(word).read());
-    let (power_stage, flash) = (PowerStage::new(), ParameterFlash::new());
+    let ended_by = match (last_words, reset_cause) {
+        (Some(_), _) => signals::PANICKED,
+        (None, ResetCause::Watchdog) => signals::WATCHDOG_RESET,
+        (None, _) => 0,
+    };
+    let (power_stage, flash) = (PowerStage::new(ended_by), ParameterFlash::new());
     Board { link, power_stage, flash, core_hz, serial, reset_cause, last_words }
 }

@@ -63,6 +63,7 @@ endpoints! {
     17 Command ResetParameters -> Done, "Use the parameters of a new drive.";
     18 Query ParameterStore -> ParameterStore, "What is stored, and how the last save went.";
     19 Command Restart -> Done, "Start the firmware anew.";
+    20 Command Stream -> Done, "Stream words of every n-th tick's record: `Block`s with this request's number follow.";
 }
 
 /// The name of a reply, as the table has it.
@@ -77,6 +78,7 @@ pub fn name(reply: &Reply) -> &'static str {
         Reply::Capture { .. } => "Capture",
         Reply::Parameters(_) => "Parameters",
         Reply::ParameterStore(_) => "ParameterStore",
+        Reply::Block(_) => "Block",
     }
 }
 

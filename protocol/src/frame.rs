@@ -167,6 +167,9 @@ mod tests {
         let words = heapless::Vec::from_slice(&[u32::MAX; crate::message::BLOCK_WORDS]).unwrap();
         let mut frame = [0; MAX_FRAME];
         assert!(encode(u32::MAX, &Reply::Capture { first: u32::MAX, words }, &mut frame).is_ok());
+        let bytes = heapless::Vec::from_slice(&[0xff; crate::stream::BLOCK_BYTES]).unwrap();
+        let block = crate::stream::Block { number: u32::MAX, first_tick: u32::MAX, bytes };
+        assert!(encode(u32::MAX, &Reply::Block(block), &mut frame).is_ok());
         let values = heapless::Vec::from_slice(&[(u16::MAX, f64::MAX); crate::message::PARAMETERS_PER_REPLY]).unwrap();
         assert!(encode(u32::MAX, &Reply::Parameters(values), &mut frame).is_ok());
     }

@@ -10,3 +10,4 @@ pub mod frame;
 pub mod message;
 pub mod program;
 pub mod server;
+pub mod stream;

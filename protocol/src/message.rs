@@ -17,6 +17,8 @@ use servo_core::settling::Settling;
 use servo_core::state::State;
 use servo_core::store::Current;
 
+use crate::stream::{self, Block};
+
 /// Number of this version of the messages.
 pub const PROTOCOL: u16 = 3;
 
@@ -84,6 +86,8 @@ pub enum Request {
     ParameterStore,
     /// Start the firmware anew; refused with torque on.
     Restart,
+    /// Begin a stream in place of the one under way: [`Reply::Block`]s with the number of this request, behind its answer.
+    Stream(stream::Order),
 }
 
 /// What the drive answers.
@@ -110,17 +114,19 @@ pub enum Reply {
     },
     /// To [`Request::Settling`].
     Settling(Settling),
-    /// To [`Request::ReadCapture`]: the words there are, up to a block.
+    /// To [`Request::ReadCapture`]: words of a complete capture's ring, up to a block.
     Capture {
         /// Index of the first word.
         first: u32,
-        /// The words; see [`servo_core::capture::WORDS_PER_SAMPLE`].
+        /// The words: samples of as many words as were ordered, the oldest one where [`Progress`] says.
         words: Vec<u32, BLOCK_WORDS>,
     },
     /// To [`Request::ReadParameters`]: ids and values, up to [`PARAMETERS_PER_REPLY`]; fewer are the last.
     Parameters(Vec<(u16, f64), PARAMETERS_PER_REPLY>),
     /// To [`Request::ParameterStore`].
     ParameterStore(ParameterStore),
+    /// Some samples of a stream.
+    Block(Block),
 }
 
 /// Who the drive is. Frozen: every protocol has this message in this form.
@@ -195,4 +201,6 @@ pub struct Status {
     pub bad_requests: u32,
     /// Tick records that no task took in time.
     pub lost_records: u32,
+    /// Blocks of streams that found the line busy.
+    pub lost_blocks: u32,
 }

@@ -11,6 +11,7 @@
 //! - [`thesis`]: the thesis beside the simulation: every number, figure and table, with a verdict
 //! - [`scope`]: the live scope page
 //! - [`link`]: a drive at the other end of a line
+//! - [`scope`]: the page that shows a drive live
 //! - [`cli`]: the command line, a module per sub-command
 
 pub mod cli;

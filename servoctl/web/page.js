@@ -4,7 +4,7 @@ import { connect, send } from "./connection.js";
 import { showControls, wireControls } from "./controls.js";
 import { showParameters, wireParameters } from "./parameters.js";
 import { showMoves, wireMoves } from "./settling.js";
-import { addCapture, addStatus, wireTraces } from "./traces.js";
+import { addCapture, addLive, wireTraces } from "./traces.js";
 import { fixed, length } from "./units.js";
 
 const at = (id) => document.getElementById(id);
@@ -42,7 +42,9 @@ const showers = {
   status() {
     showStatus(known.status);
     showControls(known);
-    addStatus(known.status);
+  },
+  live(message) {
+    addLive(message);
   },
   capture(message) {
     addCapture(message);
@@ -107,6 +109,7 @@ function showStatus(status) {
     `overruns ${status.overruns}`,
     `bad encoder frames ${status.bad_frames}`,
     `lost records ${status.lost_records}`,
+    `lost live samples ${status.lost_samples}`,
     `bad requests ${status.bad_requests}`,
     `repeated requests ${status.repeated_requests}`,
     `unreadable replies ${status.unreadable_replies}`,
@@ -114,20 +117,18 @@ function showStatus(status) {
   showFault(status.fault);
 }
 
-/// An explanation reads `name: what happened; what to do`.
 function showFault(fault) {
   const box = at("fault");
   box.hidden = !fault;
   if (!fault) return;
-  const [, name, what, advice] = /^([^:]*):?\s*([^;]*);?\s*(.*)$/.exec(fault.explanation);
-  const code = fault.cia402_code.toString(16).padStart(4, "0");
-  box.querySelector("h2").textContent = `Fault ${fault.number}: ${name}`;
-  box.querySelector("h2").title = `CiA 402 error code 0x${code}`;
-  box.querySelector(".what").textContent = sentence(what);
-  box.querySelector(".advice").textContent = sentence(advice);
+  box.querySelector("h2").textContent = `Fault ${fault.number}: ${fault.title}`;
+  box.querySelector("h2").title = `CiA 402 error code 0x${fault.cia402_code.toString(16).padStart(4, "0")}`;
+  box.querySelector(".what").textContent = sentence(fault.cause);
+  box.querySelector(".advice").textContent = sentence(fault.advice);
 }
 
-const sentence = (text) => (text ? `${text[0].toUpperCase()}${text.slice(1)}.` : "");
+/// Begins with a capital and ends with a full stop.
+const sentence = (text) => (text ? `${text[0].toUpperCase()}${text.slice(1)}${/[.!?]$/.test(text) ? "" : "."}` : "");
 
 /// Space brakes, wherever the focus is.
 function wireStop() {

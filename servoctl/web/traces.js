@@ -62,17 +62,13 @@ function setTrigger() {
   redraw();
 }
 
-/// A live sample.
-export function addStatus(status) {
-  const times = live.time_s;
-  if (times.length && status.time_s < times.at(-1)) for (const column of Object.values(live)) column.length = 0;
-  if (status.time_s === times.at(-1)) return;
-  times.push(status.time_s);
-  live.error_nm.push(status.torque ? status.error_m * 1e9 : 0);
-  live.position_m.push(status.position_m);
-  live.force_n.push(status.force_n);
-  const old = times.findIndex((time) => time >= status.time_s - KEPT_S);
-  if (old > 500) for (const column of Object.values(live)) column.splice(0, old);
+/// More of the live traces.
+export function addLive(samples) {
+  // A clock that ran back is that of another drive.
+  if (samples.time_s[0] < live.time_s.at(-1)) for (const column of Object.values(live)) column.length = 0;
+  for (const [name, column] of Object.entries(live)) column.push(...samples[name]);
+  const old = live.time_s.findIndex((time) => time >= live.time_s.at(-1) - KEPT_S);
+  if (old > 5000) for (const column of Object.values(live)) column.splice(0, old);
   redraw();
 }
 
@@ -157,7 +153,7 @@ function liveCsv(known) {
     force_n: kept(live.force_n),
   };
   const level = trigger.mode === "off" ? "none" : `${at("signal").value} ${trigger.mode} through ${at("level").value}`;
-  download("live.csv", [...origin(known), "rate: each status that the page got, about 50 Hz", `trigger: ${level}`, UNITS], columns);
+  download("live.csv", [...origin(known), "rate: 500 Hz; lost samples are missing rows", `trigger: ${level}`, UNITS], columns);
 }
 
 const UNITS = "units: s, m, m, N";
@@ -181,13 +177,14 @@ function drawSettling() {
   if (plots.settling.shown === key) return;
   plots.settling.shown = key;
   // One time axis: the finer of the two; where they differ, the other is drawn over its own samples.
-  const times = last.error_nm.map((_, i) => i * last.sample_s * 1e3);
-  const second = other ? times.map((t) => other.error_nm[Math.round(t / 1e3 / other.sample_s)] ?? null) : times.map(() => null);
+  const times = last.error_nm.map((_, i) => (i - last.before) * last.sample_s * 1e3);
+  const nearest = (t) => other?.error_nm[Math.round(t / 1e3 / other.sample_s) + other.before] ?? null;
+  const second = times.map(nearest);
   plots.settling.setData([times, last.error_nm, second], false);
   const shown = [...last.error_nm, ...second.filter((value) => value !== null)];
   const [min, max] = around(shown, Number(at("settling-scale").value), 5);
   plots.settling.batch(() => {
-    plots.settling.setScale("x", { min: 0, max: times.at(-1) });
+    plots.settling.setScale("x", { min: times[0], max: times.at(-1) });
     plots.settling.setScale("y", { min, max });
   });
   at("settling").dataset.samples = String(last.error_nm.length);
@@ -207,10 +204,10 @@ function captureCsv(known) {
   const notes = [
     ...origin(known),
     `rate: ${1 / capture.sample_s} Hz`,
-    `trigger: end of the profile of move ${capture.number}, ${capture.compensator}`,
+    `trigger: end of the profile, at 0 s, of move ${capture.number}, ${capture.compensator}`,
     UNITS,
   ];
-  const time_s = capture.error_nm.map((_, i) => (i * capture.sample_s).toFixed(6));
+  const time_s = capture.error_nm.map((_, i) => ((i - capture.before) * capture.sample_s).toFixed(6));
   const error_m = capture.error_nm.map(metres);
   const position_m = capture.position_nm.map((nm) => fixed12(capture.target_m + nm * 1e-9));
   download(`move-${capture.number}.csv`, notes, { time_s, error_m, position_m, force_n: capture.force_n });

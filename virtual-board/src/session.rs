@@ -2,10 +2,11 @@
 
 use std::time::Duration;
 
-use servo_core::capture::{Order, Progress, WORDS_PER_SAMPLE};
+use servo_core::capture::{Complete, Order, Progress, Trigger};
 use servo_core::config::Compensator;
 use servo_core::parameters::{Parameter, Settings, TABLE};
 use servo_core::profile::Limits;
+use servo_core::record::Selection;
 use servo_core::refusal::Refusal;
 use servo_core::settling::Settling;
 use servo_core::state::State;
@@ -218,12 +219,13 @@ impl Session {
         }
     }
 
-    /// Orders a capture from the end of the next profile on.
+    /// Orders a capture of error, position and force from the end of the next profile on, every so many ticks.
     ///
     /// # Errors
     /// A refusal, and those of [`Session::ask`].
-    pub fn arm_capture(&mut self, order: Order) -> Result<(), Error> {
-        self.order(&Request::Capture(order))
+    pub fn arm_capture(&mut self, samples: u32, every_ticks: u32) -> Result<(), Error> {
+        let words = Selection::ERROR_POSITION_FORCE;
+        self.order(&Request::Capture(Order { words, samples, before: 0, every_ticks, trigger: Trigger::MoveEnd }))
     }
 
     /// Reads the capture out.
@@ -232,20 +234,23 @@ impl Session {
     /// [`Error::NotReached`] if it is not complete, and those of [`Session::ask`].
     pub fn read_capture(&mut self) -> Result<Vec<CapturedSample>, Error> {
         let status = self.status()?;
-        let Progress::Complete(samples) = status.capture else {
+        let Progress::Complete(Complete { order, oldest, .. }) = status.capture else {
             return Err(Error::NotReached { what: "the end of the capture".to_owned(), status: format!("{status:?}") });
         };
-        let total = samples * WORDS_PER_SAMPLE;
-        let mut words: Vec<u32> = Vec::with_capacity(total as usize);
-        while (words.len() as u32) < total {
+        let count = order.words.count();
+        let total = order.samples as usize * count;
+        let mut words: Vec<u32> = Vec::with_capacity(total);
+        while words.len() < total {
             let request = Request::ReadCapture { first: words.len() as u32 };
             match self.ask(&request)? {
                 Reply::Capture { words: block, .. } if !block.is_empty() => words.extend(block),
                 other => return Err(unexpected(&request, &other)),
             }
         }
-        let sample = |w: &[u32]| CapturedSample { error_ct: w[0] as i32, force_n: f32::from_bits(w[2]) };
-        Ok(words.chunks_exact(WORDS_PER_SAMPLE as usize).map(sample).collect())
+        words.rotate_left(oldest as usize * count);
+        // As `Selection::ERROR_POSITION_FORCE` orders them.
+        let sample = |w: &[u32]| CapturedSample { error_ct: w[1] as i32, force_n: f32::from_bits(w[2]) };
+        Ok(words.chunks_exact(count).map(sample).collect())
     }
 }
 

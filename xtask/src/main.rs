@@ -11,11 +11,14 @@ mod bench;
 mod demo;
 mod docs;
 mod embedded;
+mod endurance;
+mod fault_page;
 mod firmware;
 mod fuzz;
 mod host;
 mod parameter_page;
 mod process;
+mod protocol_page;
 mod qemu;
 mod scope;
 mod setup;
@@ -52,6 +55,8 @@ enum Word {
     },
     /// Measure: instructions of the control loops, speed of the virtual board
     Bench(bench::Options),
+    /// Run the long forms of tests: an hour of motion, a thousand million random ticks
+    Endurance(endurance::Options),
     /// Look for bytes that break what reads them: serial frames, flash, encoder line, stage file
     Fuzz(fuzz::Options),
     /// Write the pages of docs/ that are made from tables in code
@@ -88,6 +93,7 @@ fn run(word: Word, directory: &Path) -> Result<()> {
         Word::Qemu { bless: false } => qemu::run(),
         Word::Qemu { bless: true } => qemu::bless(),
         Word::Bench(options) => bench::run(&options.seen_from(directory)),
+        Word::Endurance(options) => endurance::run(&options),
         Word::Fuzz(options) => fuzz::run(&options.seen_from(directory)),
         Word::Docs => docs::write(),
         Word::Scope => scope::bundle(),

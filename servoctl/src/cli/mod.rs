@@ -11,6 +11,7 @@ pub mod interrupt;
 pub mod merge;
 pub mod output;
 pub mod progress;
+pub mod reference;
 pub mod report;
 pub mod reproduce;
 pub mod theory;
@@ -18,7 +19,7 @@ pub mod theory;
 use clap::{CommandFactory, Parser, Subcommand};
 use std::process::ExitCode;
 
-use drive::{Link, capture, faults, identity, log, motion, params, scope, sequence, virtual_drive, watch};
+use drive::{Link, capture, faults, identity, log, motion, params, scope, sequence, stream, virtual_drive, watch};
 
 /// Talks to a servo drive, runs its experiments and reports them.
 #[derive(Debug, Parser)]
@@ -57,10 +58,12 @@ pub enum Command {
     Watch(watch::Options),
     /// Record every servo tick in the drive and write it to a file
     Capture(capture::Options),
+    /// Write signals of every servo tick to a file as they come
+    Stream(stream::Options),
+    /// Serve a page on this computer: live traces, moves, settling, parameters
+    Scope(scope::Options),
     /// Print the firmware's log
     Log(log::Options),
-    /// Show the drive live on a page in the browser, and command it from there
-    Scope(scope::Options),
     /// Start the firmware anew (bridge off)
     Restart(identity::Options),
     /// List serial ports that may be drives
@@ -72,6 +75,9 @@ pub enum Command {
         /// Which shell
         shell: clap_complete::Shell,
     },
+    /// Print the page of all commands
+    #[command(hide = true)]
+    Reference,
     /// Settling in theory (chapter 7 of the thesis): friction observer against NIASA, with a wrong friction model
     #[command(subcommand)]
     Theory(theory::Options),
@@ -116,13 +122,18 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         Command::Faults(options) => faults::run(link, options),
         Command::Watch(options) => watch::run(link, options),
         Command::Capture(options) => return capture::run(link, options),
-        Command::Log(options) => log::run(link, options),
+        Command::Stream(options) => return stream::run(link, options),
         Command::Scope(options) => scope::run(link, options),
+        Command::Log(options) => log::run(link, options),
         Command::Restart(options) => identity::restart(link, options),
         Command::Ports(options) => identity::ports(options),
         Command::Virtual(options) => virtual_drive::run(options),
         Command::Completions { shell } => {
             clap_complete::generate(*shell, &mut Arguments::command(), "servoctl", &mut std::io::stdout());
+            Ok(())
+        }
+        Command::Reference => {
+            print!("{}", reference::page());
             Ok(())
         }
         Command::Theory(options) => theory::run(options),

@@ -1,10 +1,12 @@
 //! Requests and their replies over a line that loses bytes.
 
-use std::time::Duration;
+use std::collections::VecDeque;
+use std::time::{Duration, Instant};
 
 use servo_protocol::endpoint::{self, Kind};
 use servo_protocol::frame::{self, Collector, MAX_FRAME};
 use servo_protocol::message::{Reply, Request};
+use servo_protocol::stream::Block;
 
 use super::{Error, Port};
 
@@ -40,12 +42,23 @@ pub struct Client {
     collector: Collector,
     next_id: u32,
     losses: Losses,
+    /// Number of the last stream's request, and its blocks that came while something else was waited for.
+    stream: Option<u32>,
+    blocks: VecDeque<Block>,
 }
 
 impl Client {
     /// A client that numbers its requests from `first_id`, which nobody may have used at this drive lately: see [`random_id`].
     pub fn new(port: Box<dyn Port>, patience: Patience, first_id: u32) -> Self {
-        Client { port, patience, collector: Collector::default(), next_id: first_id, losses: Losses::default() }
+        Client {
+            port,
+            patience,
+            collector: Collector::default(),
+            next_id: first_id,
+            losses: Losses::default(),
+            stream: None,
+            blocks: VecDeque::new(),
+        }
     }
 
     /// What the line has lost so far.
@@ -62,6 +75,10 @@ impl Client {
         let attempts = if *request == Request::Restart { 1 } else { self.patience.attempts };
         let id = self.next_id;
         self.next_id = id.wrapping_add(1);
+        if matches!(request, Request::Stream(_)) {
+            self.stream = Some(id);
+            self.blocks.clear();
+        }
         let mut buffer = [0; MAX_FRAME];
         let length = frame::encode(id, request, &mut buffer).map_err(|_| Error::TooLong)?;
         for attempt in 0..attempts {
@@ -76,24 +93,48 @@ impl Client {
         Err(Error::NoReply { request: endpoint.request, attempts, unknown: endpoint.kind == Kind::Command })
     }
 
-    /// Replies to earlier requests are dropped.
+    /// The next block of the stream, if one comes in the time of a reply.
+    ///
+    /// # Errors
+    /// [`Error::Broken`].
+    pub fn next_block(&mut self) -> Result<Option<Block>, Error> {
+        let until = self.port.now() + self.patience.reply;
+        while self.blocks.is_empty() && self.port.now() < until {
+            self.listen(None, until)?;
+        }
+        Ok(self.blocks.pop_front())
+    }
+
+    /// Blocks of the stream that came while something else was waited for.
+    pub fn blocks(&mut self) -> impl Iterator<Item = Block> {
+        self.blocks.drain(..)
+    }
+
     fn wait_for(&mut self, id: u32) -> Result<Option<Reply>, Error> {
         let until = self.port.now() + self.patience.reply;
-        let mut bytes = [0; 1024];
         loop {
-            let received = self.port.receive(&mut bytes, until).map_err(Error::Broken)?;
-            let mut found = None;
-            for byte in &bytes[..received] {
-                match self.collector.push::<Reply>(*byte) {
-                    Some(Ok((answered, reply))) if answered == id => found = Some(reply),
-                    Some(Err(_)) => self.losses.unreadable += 1,
-                    _ => {}
-                }
-            }
+            let found = self.listen(Some(id), until)?;
             if found.is_some() || self.port.now() >= until {
                 return Ok(found);
             }
         }
+    }
+
+    /// Takes what the line holds: blocks of the stream are kept, replies to earlier requests are dropped.
+    fn listen(&mut self, id: Option<u32>, until: Instant) -> Result<Option<Reply>, Error> {
+        let mut bytes = [0; 4096];
+        let received = self.port.receive(&mut bytes, until).map_err(Error::Broken)?;
+        let mut found = None;
+        for byte in &bytes[..received] {
+            match self.collector.push::<Reply>(*byte) {
+                Some(Ok((of, Reply::Block(block)))) if Some(of) == self.stream => self.blocks.push_back(block),
+                Some(Ok((_, Reply::Block(_)))) => {}
+                Some(Ok((answered, reply))) if Some(answered) == id => found = Some(reply),
+                Some(Err(_)) => self.losses.unreadable += 1,
+                _ => {}
+            }
+        }
+        Ok(found)
     }
 }
 

@@ -1,8 +1,9 @@
 //! The drive, as its commands see it: one method for each thing that a person wants of it.
 
 use servo_core::SERVO_HZ;
-use servo_core::capture::{Order, Progress, WORDS_PER_SAMPLE};
+use servo_core::capture::{Complete, Order, Progress};
 use servo_core::parameters::{Parameter, Settings, TABLE};
+use servo_core::record::COLUMNS;
 use servo_core::settling::Settling;
 use servo_core::state::State;
 use servo_protocol::endpoint;
@@ -10,6 +11,7 @@ use servo_protocol::message::{
     Identity, PARAMETERS_PER_REPLY, PARAMETERS_PER_REQUEST, PROTOCOL, ParameterStore, Reply, Request, SaveProgress,
     Status,
 };
+use servo_protocol::stream::{self, Block};
 
 use super::{Client, Error};
 
@@ -23,15 +25,36 @@ pub struct Drive {
     last_tick: u32,
 }
 
-/// One captured sample.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Captured {
-    /// Set-point − position, counts.
-    pub error_ct: i32,
-    /// Position, low 32 bits, counts.
-    pub position_ct: u32,
-    /// Force, N.
-    pub force_n: f32,
+/// A capture, read out.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Capture {
+    /// What was recorded, and where in it the trigger is.
+    pub complete: Complete,
+    /// Samples of as many words as were ordered, the oldest first.
+    words: Vec<u32>,
+}
+
+impl Capture {
+    /// From the ring as it lies in the drive.
+    pub fn new(complete: Complete, mut words: Vec<u32>) -> Capture {
+        words.rotate_left(complete.oldest as usize * complete.order.words.count());
+        Capture { complete, words }
+    }
+
+    /// Time of each sample from the trigger on, s.
+    pub fn times_s(&self) -> Vec<f64> {
+        let Complete { order, before, .. } = self.complete;
+        let step_s = f64::from(order.every_ticks) / f64::from(SERVO_HZ);
+        (0..order.samples).map(|index| (f64::from(index) - f64::from(before)) * step_s).collect()
+    }
+
+    /// The column with this name in [`COLUMNS`], if it was recorded.
+    pub fn column(&self, name: &str) -> Option<Vec<f64>> {
+        let selection = self.complete.order.words;
+        let place = selection.numbers().position(|number| COLUMNS[number].0 == name)?;
+        let kind = COLUMNS[selection.numbers().nth(place)?].1;
+        Some(self.words.chunks_exact(selection.count()).map(|sample| kind.value(sample[place])).collect())
+    }
 }
 
 impl Drive {
@@ -269,41 +292,37 @@ impl Drive {
         self.status()
     }
 
-    /// Reads a complete capture out; `progress` sees the samples there are and those of the last block.
+    /// Reads a complete capture out; `progress` sees words to read and the length of the last block.
     ///
     /// # Errors
     /// [`Error::Interrupted`] if there is none; those of [`Client::request`].
-    pub fn read_capture(&mut self, mut progress: impl FnMut(u32, u32)) -> Result<Vec<Captured>, Error> {
-        let Progress::Complete(total) = self.status()?.capture else {
+    pub fn read_capture(&mut self, mut progress: impl FnMut(usize, usize)) -> Result<Capture, Error> {
+        let Progress::Complete(complete) = self.status()?.capture else {
             return Err(Error::Interrupted {
                 what: "reading the capture",
                 why: "there is no complete one".to_owned(),
                 help: "`servoctl capture` orders one and reads it",
             });
         };
-        let mut samples = Vec::with_capacity(total as usize);
-        while (samples.len() as u32) < total {
-            let block = self.read_captured(samples.len() as u32)?;
-            progress(total, block.len() as u32);
-            samples.extend(block);
+        let total = complete.order.samples as usize * complete.order.words.count();
+        let mut words: Vec<u32> = Vec::with_capacity(total);
+        while words.len() < total {
+            let block = self.read_words(words.len())?;
+            progress(total, block.len());
+            words.extend(block);
         }
-        Ok(samples)
+        Ok(Capture::new(complete, words))
     }
 
-    /// Captured samples from number `first` on, at least one and as many as fit a reply.
+    /// Words of a complete capture as they lie in the drive, from this one on: at least one, and as many as fit a reply.
     ///
     /// # Errors
     /// [`Error::Unexpected`] if there are none; those of [`Client::request`].
-    pub fn read_captured(&mut self, first: u32) -> Result<Vec<Captured>, Error> {
-        let first = first * WORDS_PER_SAMPLE;
-        let words = self.query(&Request::ReadCapture { first }, |reply| match reply {
-            Reply::Capture { first: at, words } if at == first && words.len() >= WORDS_PER_SAMPLE as usize => {
-                Some(words)
-            }
+    pub fn read_words(&mut self, from: usize) -> Result<Vec<u32>, Error> {
+        self.query(&Request::ReadCapture { first: from as u32 }, |reply| match reply {
+            Reply::Capture { first, words } if first == from as u32 && !words.is_empty() => Some(words.to_vec()),
             _ => None,
-        })?;
-        let sample = |w: &[u32]| Captured { error_ct: w[0] as i32, position_ct: w[1], force_n: f32::from_bits(w[2]) };
-        Ok(words.chunks_exact(WORDS_PER_SAMPLE as usize).map(sample).collect())
+        })
     }
 
     /// Orders a capture.
@@ -312,5 +331,26 @@ impl Drive {
     /// A refusal.
     pub fn arm_capture(&mut self, order: Order) -> Result<(), Error> {
         self.order(&Request::Capture(order)).map(|_| ())
+    }
+
+    /// Begins a stream in place of the one under way; its blocks come by [`Drive::next_block`].
+    ///
+    /// # Errors
+    /// A refusal.
+    pub fn stream(&mut self, order: stream::Order) -> Result<(), Error> {
+        self.order(&Request::Stream(order)).map(|_| ())
+    }
+
+    /// The next block of the stream, if one comes in time.
+    ///
+    /// # Errors
+    /// The line is gone.
+    pub fn next_block(&mut self) -> Result<Option<Block>, Error> {
+        self.client.next_block()
+    }
+
+    /// Blocks of the stream that came with the answers to other requests.
+    pub fn blocks(&mut self) -> impl Iterator<Item = Block> {
+        self.client.blocks()
     }
 }

@@ -62,6 +62,8 @@ pub enum Error {
     },
     /// The message is longer than a frame.
     TooLong,
+    /// What was typed makes no sense.
+    Typed(String),
 }
 
 impl fmt::Display for Error {
@@ -98,6 +100,7 @@ impl fmt::Display for Error {
             }
             Error::Interrupted { what, why, help } => write!(f, "{what}: {why}\n  {help}"),
             Error::Unexpected { request, reply } => write!(f, "{request} was answered by {reply}"),
+            Error::Typed(text) => f.write_str(text),
             Error::TooLong => f.write_str("the message is longer than a frame"),
         }
     }
@@ -124,6 +127,7 @@ pub fn help(refusal: &Refusal) -> Option<&'static str> {
         Refusal::UnknownParameter(_) => "`servoctl params list` names them all",
         Refusal::OutOfRange { .. } => "`servoctl params list` shows the limits",
         Refusal::NoPosition => "`servoctl status` shows bad encoder frames: look at the encoder and its cable",
+        Refusal::Halted => "clear the halt bit of the controlword",
         Refusal::Saving | Refusal::Busy => "try again in a moment",
     })
 }

@@ -10,6 +10,6 @@ pub mod units;
 pub mod virtual_drive;
 
 pub use client::{Client, Losses, Patience, random_id};
-pub use drive::{Captured, Drive};
+pub use drive::{Capture, Drive};
 pub use error::{Error, help};
 pub use port::{BAUD, Port, open};

@@ -9,7 +9,7 @@ use serialport::SerialPort;
 use super::Error;
 
 /// Bits per second of the serial link, as the firmware sets it.
-pub const BAUD: u32 = 921_600;
+pub const BAUD: u32 = 3_000_000;
 /// The beginning of an address that is not a device's name.
 const TCP: &str = "tcp://";
 /// How long a TCP connection may take to come about.

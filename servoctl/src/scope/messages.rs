@@ -117,6 +117,8 @@ pub enum ToPage {
     },
     /// What the drive is doing.
     Status(Shown),
+    /// More of the live traces.
+    Live(Live),
     /// Parameters in use, in the order of the table.
     Parameters {
         /// Values.
@@ -241,6 +243,8 @@ pub struct Shown {
     bad_requests: u32,
     repeated_requests: u64,
     unreadable_replies: u64,
+    lost_blocks: u32,
+    lost_samples: u64,
     capturing: bool,
 }
 
@@ -248,18 +252,35 @@ pub struct Shown {
 struct ShownFault {
     number: u16,
     cia402_code: u16,
-    explanation: &'static str,
+    title: &'static str,
+    cause: &'static str,
+    advice: &'static str,
 }
 
 impl From<Fault> for ShownFault {
     fn from(fault: Fault) -> Self {
-        ShownFault { number: fault.number(), cia402_code: fault.cia402_code(), explanation: fault.explanation() }
+        ShownFault {
+            number: fault.number(),
+            cia402_code: fault.cia402_code(),
+            title: fault.title(),
+            cause: fault.cause(),
+            advice: fault.advice(),
+        }
     }
+}
+
+/// What did not get through.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Lost {
+    /// On the line.
+    pub line: Losses,
+    /// Samples of the live traces.
+    pub samples: u64,
 }
 
 impl Shown {
     /// `status` in the units of people; `time_s` on the drive's clock, `count_m` the length of a count.
-    pub fn new(status: &Status, time_s: f64, count_m: f64, moves_left: u32, losses: Losses) -> Self {
+    pub fn new(status: &Status, time_s: f64, count_m: f64, moves_left: u32, lost: Lost) -> Self {
         Shown {
             time_s,
             state: status.state.to_string(),
@@ -278,14 +299,29 @@ impl Shown {
             bad_frames: status.counters.bad_frames,
             lost_records: status.lost_records,
             bad_requests: status.bad_requests,
-            repeated_requests: losses.repeated,
-            unreadable_replies: losses.unreadable,
+            repeated_requests: lost.line.repeated,
+            unreadable_replies: lost.line.unreadable,
+            lost_blocks: status.lost_blocks,
+            lost_samples: lost.samples,
             capturing: matches!(status.capture, Progress::Armed | Progress::Running(_)),
         }
     }
 }
 
-/// A capture: what happened from the end of a move's profile on.
+/// Samples of the live traces: columns of equal length, in the order of time.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Live {
+    /// As in [`Shown`].
+    pub time_s: Vec<f64>,
+    /// Set-point − position, nm.
+    pub error_nm: Vec<f64>,
+    /// Position, m.
+    pub position_m: Vec<f64>,
+    /// Force, N.
+    pub force_n: Vec<f32>,
+}
+
+/// A capture: what happened around the end of a move's profile.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Trace {
     /// Number of the move.
@@ -294,6 +330,8 @@ pub struct Trace {
     pub compensator: &'static str,
     /// Time between two samples, s.
     pub sample_s: f64,
+    /// Samples before the end of the profile.
+    pub before: u32,
     /// Target of the move, m.
     pub target_m: f64,
     /// Set-point − position, nm.

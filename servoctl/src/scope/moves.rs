@@ -7,7 +7,7 @@ use servo_core::compensator::Compensator;
 use servo_core::profile::Limits;
 use servo_core::settling::{Settling, TOLERANCES, TOLERANCES_NM};
 
-use crate::cli::drive::settled::is_quiet;
+use crate::cli::drive::settled::Report;
 use crate::settling::{Config, SettlingExperiment};
 
 /// Moves that are remembered.
@@ -65,7 +65,7 @@ impl Moves {
         self.made += 1;
         let nm = |counts: f64| counts * count_m * 1e9;
         // In position only: what is still creeping is no noise.
-        let noise = settling.noise_ct2.filter(|_| is_quiet(settling));
+        let noise = settling.noise_ct2.filter(|_| Report::is_quiet(settling));
         if self.last.len() == REMEMBERED {
             self.last.pop_front();
         }

@@ -5,20 +5,22 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 
 use servo_core::SERVO_HZ;
-use servo_core::capture;
+use servo_core::capture::{self, Complete, Progress, Trigger};
 use servo_core::compensator::Compensator;
 use servo_core::parameters::{Parameter, Settings, TABLE};
 use servo_core::profile::Limits;
+use servo_core::record::Selection;
 use servo_core::refusal::Refusal;
 use servo_protocol::message::{Request, Status};
+use servo_protocol::stream::{self, Tally};
 
 use super::hub::{Hub, Order, Wake};
-use super::messages::{Action, Known, MOST_MOVES, Move, Shown, ToPage, Trace, compensator, seconds};
+use super::messages::{Action, Known, Live, Lost, MOST_MOVES, Move, Shown, ToPage, Trace, compensator, seconds};
 use super::moves::{Kind, Moves};
 use crate::cli::drive::Connected;
-use crate::cli::drive::capture::parameter_hash;
-use crate::cli::drive::settled::is_known;
-use crate::link::{Captured, Drive, Error};
+use crate::cli::drive::record_file::parameter_hash;
+use crate::cli::drive::settled::Report;
+use crate::link::{Capture, Drive, Error};
 
 /// How a drive is reached, again after a link broke.
 pub type Connect = Box<dyn FnMut() -> anyhow::Result<Connected> + Send>;
@@ -29,8 +31,12 @@ const LOOK: Duration = Duration::from_millis(20);
 const RECONNECT: Duration = Duration::from_secs(1);
 /// How long capture memory is read before the drive is looked at again.
 const READ: Duration = Duration::from_millis(15);
-/// Samples of a capture: what fits a page, at 8 kHz half a second.
+/// Most samples of a capture from the end of the profile on: what fits a page, at 8 kHz half a second.
 const SAMPLES: u32 = 4000;
+/// As many samples before it as this share of those after it.
+const BEFORE: u32 = 10;
+/// Live traces: 500 samples a second.
+const LIVE: stream::Order = stream::Order { words: Selection::ERROR_POSITION_FORCE, every_ticks: 16 };
 
 /// Works until the hub ends.
 pub fn run(hub: &Arc<Hub>, orders: &Receiver<Wake>, mut connect: Connect) {
@@ -71,6 +77,7 @@ struct Pilot<'a> {
     last_tick: Option<u32>,
     time_s: f64,
     status: Option<Status>,
+    tally: Tally,
     /// Where the last move went to.
     target_ct: Option<i64>,
     course: Option<Course>,
@@ -85,7 +92,8 @@ struct Course {
     target_ct: i64,
     by_ct: i64,
     moving: bool,
-    captured: Vec<Captured>,
+    /// Words of the capture that have been read.
+    captured: Vec<u32>,
     /// There is, or will be, a capture to read.
     capture: bool,
 }
@@ -102,6 +110,7 @@ impl<'a> Pilot<'a> {
             last_tick: None,
             time_s: 0.0,
             status: None,
+            tally: Tally::default(),
             target_ct: None,
             course: None,
         }
@@ -114,7 +123,7 @@ impl<'a> Pilot<'a> {
     fn fly(&mut self, orders: &Receiver<Wake>) -> Result<(), Error> {
         let known = Known::new(self.drive.identity(), self.is_virtual);
         self.hub.publish(&ToPage::Link { drive: Some(known), trouble: None });
-        self.read_parameters()?;
+        self.begin()?;
         loop {
             let next = Instant::now() + LOOK;
             self.look()?;
@@ -138,6 +147,42 @@ impl<'a> Pilot<'a> {
         }
     }
 
+    /// What a drive that has just started must be asked.
+    fn begin(&mut self) -> Result<(), Error> {
+        self.tally = Tally::default();
+        match self.drive.stream(LIVE) {
+            // Without live traces there is still everything else.
+            Err(error) if !is_fatal(&error) => self.notice(&words(&error)),
+            other => other?,
+        }
+        self.read_parameters()
+    }
+
+    /// Tells the pages what the stream has brought.
+    fn live(&mut self, status: &Status) {
+        let count_m = self.settings.encoder_count_m;
+        let mut live = Live::default();
+        for block in self.drive.blocks() {
+            self.tally.count(&LIVE, &block);
+            for (index, words) in block.samples(LIVE.words).enumerate() {
+                let tick = block.first_tick.wrapping_add(index as u32 * u32::from(LIVE.every_ticks));
+                let mut words = words;
+                let [position, error, force] = std::array::from_fn(|_| words.next().unwrap_or_default());
+                // The low 32 bits: those of a position near the one of the status.
+                let from_status_ct = position.wrapping_sub(status.position_ct as u32) as i32;
+                let behind_ticks = status.tick.wrapping_sub(tick) as i32;
+                live.time_s.push(self.time_s - f64::from(behind_ticks) / f64::from(SERVO_HZ));
+                live.position_m.push((status.position_ct + i64::from(from_status_ct)) as f64 * count_m);
+                let error_ct = if status.state.has_torque() { error as i32 } else { 0 };
+                live.error_nm.push(nm(error_ct, count_m));
+                live.force_n.push(f32::from_bits(force));
+            }
+        }
+        if !live.time_s.is_empty() {
+            self.hub.publish(&ToPage::Live(live));
+        }
+    }
+
     fn read_parameters(&mut self) -> Result<(), Error> {
         self.settings = self.drive.parameters()?;
         let values: Vec<f64> = TABLE.iter().map(|row| row.get(&self.settings)).collect();
@@ -154,7 +199,7 @@ impl<'a> Pilot<'a> {
                 self.course = None;
                 self.last_tick = None;
                 self.notice("the drive was restarted");
-                return self.read_parameters();
+                return self.begin();
             }
             status => status?,
         };
@@ -168,8 +213,9 @@ impl<'a> Pilot<'a> {
             }
         }
         let left = self.course.as_ref().map_or(0, |course| course.left);
-        let losses = self.drive.client().losses();
-        let shown = Shown::new(&status, self.time_s, self.settings.encoder_count_m, left, losses);
+        self.live(&status);
+        let lost = Lost { line: self.drive.client().losses(), samples: self.tally.lost_samples };
+        let shown = Shown::new(&status, self.time_s, self.settings.encoder_count_m, left, lost);
         self.hub.publish(&ToPage::Status(shown));
         match self.see_through(&status) {
             Err(error) if !is_fatal(&error) => {
@@ -189,22 +235,25 @@ impl<'a> Pilot<'a> {
             return Ok(());
         }
         let settling = self.drive.settling()?;
-        if course.capture && matches!(status.capture, capture::Progress::Complete(_)) {
-            let until = Instant::now() + READ;
-            while course.captured.len() < course.order.samples as usize && Instant::now() < until {
-                course.captured.extend(self.drive.read_captured(course.captured.len() as u32)?);
-            }
+        let complete = match status.capture {
+            Progress::Complete(complete) if course.capture => Some(complete),
+            _ => None,
+        };
+        let total = course.order.samples as usize * course.order.words.count();
+        let until = Instant::now() + READ;
+        while complete.is_some() && course.captured.len() < total && Instant::now() < until {
+            course.captured.extend(self.drive.read_words(course.captured.len())?);
         }
-        let read = !course.capture || course.captured.len() >= course.order.samples as usize;
-        if !read || !is_known(&settling) {
+        let read = !course.capture || course.captured.len() >= total;
+        if !read || !Report::is_ready(&settling) {
             return Ok(());
         }
         let Some(course) = self.course.take() else { return Ok(()) };
         let count_m = self.settings.encoder_count_m;
         let chosen = compensator(&self.settings);
         let kind = Kind { distance_ct: course.by_ct.unsigned_abs(), limits: course.limits, parameters: self.changes };
-        if course.capture {
-            self.hub.publish(&ToPage::Capture(trace(&course, self.moves.next_number(), chosen, count_m)));
+        if let Some(complete) = complete {
+            self.hub.publish(&ToPage::Capture(trace(&course, complete, self.moves.next_number(), chosen, count_m)));
         }
         self.moves.add(course.by_ct, kind, chosen, &settling, count_m);
         let last = self.moves.last().cloned().collect();
@@ -289,7 +338,10 @@ impl<'a> Pilot<'a> {
             jerk_m_per_s3: wanted.jerk_m_per_s3,
         };
         let target_ct = if wanted.relative { at_ct + distance_ct } else { distance_ct };
-        Ok((target_ct, target_ct - at_ct, limits, capture::Order { samples: ticks / every_ticks, every_ticks }))
+        let (words, trigger) = (Selection::ERROR_POSITION_FORCE, Trigger::MoveEnd);
+        let before = ticks / every_ticks / BEFORE;
+        let order = capture::Order { words, samples: before + ticks / every_ticks, before, every_ticks, trigger };
+        Ok((target_ct, target_ct - at_ct, limits, order))
     }
 
     /// Begins a move, `left` more of which are to come with it, there and back.
@@ -331,18 +383,26 @@ impl<'a> Pilot<'a> {
     }
 }
 
-fn trace(course: &Course, number: u32, compensator: Compensator, count_m: f64) -> Trace {
-    let nm = |counts: i32| (f64::from(counts) * count_m * 1e12).round() / 1e3;
-    let samples = &course.captured;
+fn trace(course: &Course, complete: Complete, number: u32, compensator: Compensator, count_m: f64) -> Trace {
+    let capture = Capture::new(complete, course.captured.clone());
+    let column = |name: &str| capture.column(name).unwrap_or_default();
+    // Counts are whole numbers of 32 bits, as a difference of such positions is.
+    let from_target_ct = |ct: f64| (ct as i32).wrapping_sub(course.target_ct as i32);
     Trace {
         number,
         compensator: compensator.name(),
         sample_s: seconds(course.order.every_ticks),
+        before: complete.before,
         target_m: course.target_ct as f64 * count_m,
-        error_nm: samples.iter().map(|s| nm(s.error_ct)).collect(),
-        position_nm: samples.iter().map(|s| nm(s.position_ct.wrapping_sub(course.target_ct as u32) as i32)).collect(),
-        force_n: samples.iter().map(|s| s.force_n).collect(),
+        error_nm: column("error_ct").iter().map(|ct| nm(*ct as i32, count_m)).collect(),
+        position_nm: column("position_low_ct").iter().map(|ct| nm(from_target_ct(*ct), count_m)).collect(),
+        force_n: column("force_n").iter().map(|force_n| *force_n as f32).collect(),
     }
+}
+
+/// To the picometre, which no encoder resolves.
+fn nm(counts: i32, count_m: f64) -> f64 {
+    (f64::from(counts) * count_m * 1e12).round() / 1e3
 }
 
 /// After this there is nobody to talk to.

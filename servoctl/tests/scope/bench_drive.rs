@@ -9,7 +9,6 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use servo_core::SERVO_HZ;
-use servo_core::capture::{Progress, WORDS_PER_SAMPLE};
 use servo_core::config::Config;
 use servo_core::drive::Command;
 use servo_core::parameters::{Access, Parameter, Settings, TABLE};
@@ -22,6 +21,7 @@ use servo_protocol::message::{
     BLOCK_WORDS, Identity, PARAMETERS_PER_REPLY, PROTOCOL, ParameterStore, Reply, Request, SaveProgress, Status,
 };
 use servo_protocol::server::{Incoming, Server};
+use servo_protocol::stream::Packer;
 use servo_sim::Stage;
 use servoctl::cli::drive::Connected;
 use servoctl::link::{Client, Drive, Patience, Port};
@@ -41,6 +41,7 @@ pub struct BenchDrive {
     server: Server,
     replies: VecDeque<u8>,
     captured: Vec<u32>,
+    stream: Option<(u32, Packer)>,
     record: TickRecord,
     until: Instant,
     pulled: Cable,
@@ -58,6 +59,7 @@ impl BenchDrive {
             server: Server::default(),
             replies: VecDeque::new(),
             captured: Vec::new(),
+            stream: None,
             record: TickRecord::default(),
             until: Instant::now(),
             pulled,
@@ -75,11 +77,23 @@ impl BenchDrive {
         let output = self.bench.tick(command);
         self.record = output.record;
         if let Some(sample) = output.sample {
-            let end = sample.at as usize + sample.words.len();
-            self.captured.resize(self.captured.len().max(end), 0);
-            self.captured[sample.at as usize..end].copy_from_slice(&sample.words);
+            let (at, count) = (sample.at as usize, sample.count as usize);
+            self.captured.resize(self.captured.len().max(at + count), 0);
+            self.captured[at..at + count].copy_from_slice(&sample.words[..count]);
+        }
+        if let Some((id, packer)) = &mut self.stream
+            && let Some(block) = packer.push(&output.record)
+        {
+            let id = *id;
+            self.reply(id, &Reply::Block(block));
         }
         output.outcome
+    }
+
+    fn reply(&mut self, id: u32, reply: &Reply) {
+        let mut frame = [0; MAX_FRAME];
+        let length = encode(id, reply, &mut frame).unwrap();
+        self.replies.extend(&frame[..length]);
     }
 
     fn catch_up(&mut self) {
@@ -92,7 +106,7 @@ impl BenchDrive {
         }
     }
 
-    fn handle(&mut self, request: Request) -> Reply {
+    fn handle(&mut self, id: u32, request: Request) -> Reply {
         let command = match request {
             Request::Identity => return Reply::Identity(identity()),
             Request::Status => return Reply::Status(self.status()),
@@ -115,6 +129,10 @@ impl BenchDrive {
                 }
                 Err(refusal) => return Reply::Refused(refusal),
             },
+            Request::Stream(order) => {
+                self.stream = Some((id, Packer::new(order)));
+                return self.done(Ok(()));
+            }
             Request::Enable => Command::Enable,
             Request::Disable => Command::Disable,
             Request::ResetFault => Command::ResetFault,
@@ -156,10 +174,6 @@ impl BenchDrive {
 
     fn status(&self) -> Status {
         let (record, drive) = (&self.record, self.bench.axis.drive());
-        let capture = self.bench.axis.capture().progress();
-        if let Progress::Complete(samples) = capture {
-            assert_eq!(self.captured.len() % WORDS_PER_SAMPLE as usize, 0, "{samples}");
-        }
         Status {
             tick: record.sequence,
             state: record.state,
@@ -170,9 +184,10 @@ impl BenchDrive {
             force_n: record.force_n,
             bus_v: record.bus_v,
             counters: drive.counters(),
-            capture,
+            capture: self.bench.axis.capture().progress(),
             bad_requests: self.server.unreadable(),
             lost_records: 0,
+            lost_blocks: 0,
         }
     }
 }
@@ -193,14 +208,12 @@ impl Port for BenchDrive {
                 None => continue,
                 Some(Incoming::Repeated { id, reply }) => (id, reply),
                 Some(Incoming::Fresh { id, request }) => {
-                    let reply = self.handle(request);
+                    let reply = self.handle(id, request);
                     self.server.answered(id, &reply);
                     (id, reply)
                 }
             };
-            let mut frame = [0; MAX_FRAME];
-            let length = encode(id, &reply, &mut frame).unwrap();
-            self.replies.extend(&frame[..length]);
+            self.reply(id, &reply);
         }
         Ok(())
     }

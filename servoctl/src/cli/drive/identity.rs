@@ -97,7 +97,7 @@ pub fn describe(status: &Status, count_m: f64) -> String {
         Progress::Idle => "none ordered".to_owned(),
         Progress::Armed => "waiting for its trigger".to_owned(),
         Progress::Running(samples) => format!("{samples} samples so far"),
-        Progress::Complete(samples) => format!("{samples} samples, complete"),
+        Progress::Complete(complete) => format!("{} samples, complete", complete.order.samples),
     };
     let counters = status.counters;
     format!(

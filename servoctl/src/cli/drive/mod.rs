@@ -6,9 +6,11 @@ pub mod identity;
 pub mod log;
 pub mod motion;
 pub mod params;
+pub mod record_file;
 pub mod scope;
 pub mod sequence;
 pub mod settled;
+pub mod stream;
 pub mod virtual_drive;
 pub mod watch;
 

@@ -146,11 +146,7 @@ impl Moved {
     pub fn to_text(&self, is_virtual: bool) -> String {
         let origin = if is_virtual { "simulated (firmware on the virtual STM32H743)" } else { "measured by the drive" };
         let jerk = self.jerk_m_per_s3.map_or(String::new(), |jerk| format!(", {jerk} m/s³"));
-        let compensator = match self.compensator as u32 {
-            0 => "none (PID alone)".to_owned(),
-            1 => "NIASA".to_owned(),
-            number => format!("number {number}"),
-        };
+        let compensator = compensator_name(self.compensator);
         let caption = format!(
             "{origin} · from {} to {}, at most {} m/s, {} m/s²{jerk} · compensator {compensator} · one move",
             show_length(self.from_m),
@@ -162,5 +158,14 @@ impl Moved {
             Some(report) => report.to_text(&caption),
             None => format!("{caption}\n"),
         }
+    }
+}
+
+/// The parameter `compensator` in words.
+pub fn compensator_name(number: f64) -> String {
+    match number as u32 {
+        0 => "none (PID alone)".to_owned(),
+        1 => "NIASA".to_owned(),
+        number => format!("number {number}"),
     }
 }

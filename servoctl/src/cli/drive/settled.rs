@@ -11,16 +11,6 @@ use crate::table::{MISSING, Table};
 /// PID alone creeps for a second; nobody waits longer for what has not settled by then.
 const LONGEST_TICKS: u32 = 2 * SERVO_HZ;
 
-/// The drive knows all of it, noise in position included, or is not waited for any longer.
-pub fn is_known(settling: &Settling) -> bool {
-    is_quiet(settling) || settling.ticks >= LONGEST_TICKS
-}
-
-/// The last block of noise began after the narrowest band was reached.
-pub fn is_quiet(settling: &Settling) -> bool {
-    settling.ticks.saturating_sub(settling.settled_after_ticks[0]) >= 2 * NOISE_TICKS
-}
-
 /// The settling of one move, for a program.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Report {
@@ -54,6 +44,16 @@ impl Report {
         }
     }
 
+    /// Whether a block of noise is known that began after the narrowest band was reached, or nobody waits longer.
+    pub fn is_ready(settling: &Settling) -> bool {
+        Report::is_quiet(settling) || settling.ticks >= LONGEST_TICKS
+    }
+
+    /// Whether a block of noise is known that began after the narrowest band was reached.
+    pub fn is_quiet(settling: &Settling) -> bool {
+        settling.ticks.saturating_sub(settling.settled_after_ticks[0]) >= 2 * NOISE_TICKS
+    }
+
     /// Waits until the drive knows, at most two seconds of its own time after the end of the profile; `look` may end the wait.
     ///
     /// # Errors
@@ -61,7 +61,7 @@ impl Report {
     pub fn wait(drive: &mut Drive, count_m: f64, mut look: impl FnMut() -> bool) -> Result<Report, Error> {
         loop {
             let settling = drive.settling()?;
-            if is_known(&settling) || !look() {
+            if Report::is_ready(&settling) || !look() {
                 return Ok(Report::new(&settling, count_m));
             }
             if let Some(fault) = drive.status()?.fault {
