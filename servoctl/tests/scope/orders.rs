@@ -77,7 +77,7 @@ fn what_is_refused_is_refused_in_words() {
     refused(&mut page, json!({"do": "set", "parameter": 0xffff, "value": 1.0}), "there is no parameter 0xffff");
     refused(&mut page, json!({"do": "compensator", "name": "magic"}), "there is no compensator magic");
     enabled(&mut page);
-    refused(&mut page, by(0.08, 1), "target = 0.08");
+    refused(&mut page, by(0.08, 1), "m is outside -0.05 … 0.05 m");
     refused(&mut page, by(1e300, 1), "is outside -10 … 10 m");
     refused(&mut page, by(1e-3, 0), "number of moves = 0 is outside 1 … 1000");
     refused(&mut page, json!({"do": "set", "parameter": 0x0402, "value": 0.01}), "disable the drive first");
