@@ -127,7 +127,8 @@ pub fn help(refusal: &Refusal) -> Option<&'static str> {
         Refusal::UnknownParameter(_) => "`servoctl params list` names them all",
         Refusal::OutOfRange { .. } => "`servoctl params list` shows the limits",
         Refusal::NoPosition => "`servoctl status` shows bad encoder frames: look at the encoder and its cable",
-        Refusal::Halted => "clear the halt bit of the controlword",
-        Refusal::Saving | Refusal::Busy => "try again in a moment",
+        Refusal::Halted => "the controlword's halt bit is set: clear it where it was set",
+        Refusal::NotAligned(_) | Refusal::NoSignals | Refusal::Signals(_) => return None,
+        Refusal::Aligning | Refusal::Saving | Refusal::Busy => "try again in a moment",
     })
 }
