@@ -1,15 +1,15 @@
-//! Takes uPlot into the program where `cargo xtask web` has fetched it. Without it everything builds, and the page says what is missing.
+//! Takes the scope page's plotting library into the program: from `web/vendor`, where `cargo xtask scope` puts it. Without it
+//! everything but `servoctl scope` works, and that says what to type.
 
-use std::path::Path;
+use std::path::PathBuf;
+use std::{env, fs};
 
-fn main() -> Result<(), Box<dyn std::error::Error>> {
-    // The folder, which exists in any case: a file that does not would have everything built anew each time.
-    println!("cargo:rerun-if-changed=web");
-    let fetched = Path::new(&std::env::var("CARGO_MANIFEST_DIR")?).join("web/node_modules/uplot/dist");
-    let out = std::env::var("OUT_DIR")?;
-    for (from, to) in [("uPlot.iife.min.js", "uplot.js"), ("uPlot.min.css", "uplot.css")] {
-        let from = fetched.join(from);
-        std::fs::write(Path::new(&out).join(to), std::fs::read(&from).unwrap_or_default())?;
+fn main() {
+    // The whole directory, because a file that is not there would count as changed for ever.
+    println!("cargo::rerun-if-changed=web");
+    let out = PathBuf::from(env::var_os("OUT_DIR").expect("cargo sets it"));
+    for file in ["uPlot.esm.js", "uPlot.min.css"] {
+        let text = fs::read_to_string(PathBuf::from("web/vendor").join(file)).unwrap_or_default();
+        fs::write(out.join(file), text).expect("the build directory can be written");
     }
-    Ok(())
 }

@@ -20,12 +20,12 @@ mod parameter_page;
 mod process;
 mod protocol_page;
 mod qemu;
+mod scope;
 mod setup;
 mod test_suite;
 mod toolchain;
 mod version;
 mod virtual_drive;
-mod web;
 
 #[derive(Parser)]
 #[command(bin_name = "cargo xtask", about = "What a person types here; each word installs what it needs first.")]
@@ -59,11 +59,11 @@ enum Word {
     Endurance(endurance::Options),
     /// Look for bytes that break what reads them: serial frames, flash, encoder line, stage file
     Fuzz(fuzz::Options),
-    /// Fetch what the scope's page takes from npm, by its lock file; build servoctl afterwards
-    Web,
     /// Write the pages of docs/ that are made from tables in code
     Docs,
-    /// Install what is missing: embedded toolchain, QEMU, C compiler (every other word does it by itself)
+    /// Fetch the plotting library of the page that `servoctl scope` serves
+    Scope,
+    /// Install what is missing: embedded toolchain, QEMU, C compiler, npm, Chromium (every other word does it by itself)
     Setup {
         /// Only say what would be done
         #[arg(long)]
@@ -95,8 +95,8 @@ fn run(word: Word, directory: &Path) -> Result<()> {
         Word::Bench(options) => bench::run(&options.seen_from(directory)),
         Word::Endurance(options) => endurance::run(&options),
         Word::Fuzz(options) => fuzz::run(&options.seen_from(directory)),
-        Word::Web => web::fetch(),
         Word::Docs => docs::write(),
+        Word::Scope => scope::bundle(),
         Word::Setup { dry_run } => setup::all(dry_run),
     }
 }

@@ -7,7 +7,7 @@ use anyhow::{Result, bail};
 use clap::ValueEnum;
 
 use crate::firmware::{self, Firmware};
-use crate::{demo, embedded, host, process, qemu, setup, web};
+use crate::{demo, embedded, host, process, qemu, scope, setup};
 
 /// What the test suite can be told.
 #[derive(clap::Args)]
@@ -45,6 +45,8 @@ enum Step {
     Qemu,
     /// The ELF on the emulated board
     VirtualBoard,
+    /// The scope page in a real browser
+    Scope,
     /// The demonstration with two moves
     Demo,
 }
@@ -101,6 +103,7 @@ fn run_step(step: Step) -> Result<()> {
         }
         Step::Docs => documentation(),
         Step::HostTests => process::run(&mut host::cargo("test"), "host tests"),
+        Step::Scope => scope::test(&firmware::build()?),
         Step::SameBits => {
             let mut test = host::cargo("test");
             process::run(test.args(["--release", "--package", "servoctl", "--test", "same_bits"]), "results, optimised")
@@ -129,9 +132,6 @@ fn documentation() -> Result<()> {
 }
 
 fn virtual_board_tests(firmware: &Firmware) -> Result<()> {
-    // The scope's page, in a browser.
-    web::fetch()?;
-    web::browser()?;
     let mut tests = host::cargo_with_emulator("test")?;
     tests.args(["--release", "--package", "servo-virtual-board"]).env("SERVO_ELF", host::absolute(&firmware.elf)?);
     process::run(&mut tests, "virtual-board tests")

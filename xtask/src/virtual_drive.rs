@@ -16,11 +16,18 @@ const PROGRAM: &str = "virtual_drive";
 /// When set-up or a build fails.
 pub fn build() -> Result<()> {
     let firmware = firmware::build()?;
+    println!("{}", json!({ "program": program()?, "elf": host::absolute(&firmware.elf)? }));
+    Ok(())
+}
+
+/// Builds the virtual board behind a TCP port and returns where it is.
+///
+/// # Errors
+/// When the build fails.
+pub fn program() -> Result<PathBuf> {
     let mut cargo = host::cargo_with_emulator("build")?;
     cargo.args(["--release", "--package", "servo-virtual-board", "--bin", PROGRAM]);
     process::run(&mut cargo, "building the virtual board")?;
     let target = std::env::var_os("CARGO_TARGET_DIR").map_or(PathBuf::from("target"), PathBuf::from);
-    let program = std::path::absolute(target.join("release").join(PROGRAM)).context("the target directory")?;
-    println!("{}", json!({ "program": program, "elf": host::absolute(&firmware.elf)? }));
-    Ok(())
+    std::path::absolute(target.join("release").join(PROGRAM)).context("the target directory")
 }

@@ -105,6 +105,11 @@ impl Client {
         Ok(self.blocks.pop_front())
     }
 
+    /// Blocks of the stream that came while something else was waited for.
+    pub fn blocks(&mut self) -> impl Iterator<Item = Block> {
+        self.blocks.drain(..)
+    }
+
     fn wait_for(&mut self, id: u32) -> Result<Option<Reply>, Error> {
         let until = self.port.now() + self.patience.reply;
         loop {

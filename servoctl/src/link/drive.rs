@@ -36,7 +36,7 @@ pub struct Capture {
 
 impl Capture {
     /// From the ring as it lies in the drive.
-    fn new(complete: Complete, mut words: Vec<u32>) -> Capture {
+    pub fn new(complete: Complete, mut words: Vec<u32>) -> Capture {
         words.rotate_left(complete.oldest as usize * complete.order.words.count());
         Capture { complete, words }
     }
@@ -307,14 +307,22 @@ impl Drive {
         let total = complete.order.samples as usize * complete.order.words.count();
         let mut words: Vec<u32> = Vec::with_capacity(total);
         while words.len() < total {
-            let next = words.len() as u32;
-            words.extend(self.query(&Request::ReadCapture { first: next }, |reply| match reply {
-                Reply::Capture { first, words } if first == next && !words.is_empty() => Some(words),
-                _ => None,
-            })?);
-            progress(total, words.len() - next as usize);
+            let block = self.read_words(words.len())?;
+            progress(total, block.len());
+            words.extend(block);
         }
         Ok(Capture::new(complete, words))
+    }
+
+    /// Words of a complete capture as they lie in the drive, from this one on: at least one, and as many as fit a reply.
+    ///
+    /// # Errors
+    /// [`Error::Unexpected`] if there are none; those of [`Client::request`].
+    pub fn read_words(&mut self, from: usize) -> Result<Vec<u32>, Error> {
+        self.query(&Request::ReadCapture { first: from as u32 }, |reply| match reply {
+            Reply::Capture { first, words } if first == from as u32 && !words.is_empty() => Some(words.to_vec()),
+            _ => None,
+        })
     }
 
     /// Orders a capture.
@@ -339,5 +347,10 @@ impl Drive {
     /// The line is gone.
     pub fn next_block(&mut self) -> Result<Option<Block>, Error> {
         self.client.next_block()
+    }
+
+    /// Blocks of the stream that came with the answers to other requests.
+    pub fn blocks(&mut self) -> impl Iterator<Item = Block> {
+        self.client.blocks()
     }
 }

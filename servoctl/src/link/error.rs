@@ -128,6 +128,7 @@ pub fn help(refusal: &Refusal) -> Option<&'static str> {
         Refusal::OutOfRange { .. } => "`servoctl params list` shows the limits",
         Refusal::NoPosition => "`servoctl status` shows bad encoder frames: look at the encoder and its cable",
         Refusal::Halted => "the controlword's halt bit is set: clear it where it was set",
-        Refusal::Saving | Refusal::Busy => "try again in a moment",
+        Refusal::NotAligned(_) | Refusal::NoSignals | Refusal::Signals(_) => return None,
+        Refusal::Aligning | Refusal::Saving | Refusal::Busy => "try again in a moment",
     })
 }

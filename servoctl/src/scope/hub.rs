@@ -1,281 +1,272 @@
-//! The drive thread: the only one that talks to the drive. Orders in, news out.
+//! Where pages and the drive's thread meet: news to every page, orders from the one that commands.
 
-use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
-use std::sync::{Arc, Mutex, PoisonError};
-use std::time::{Duration, Instant};
+use std::collections::VecDeque;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use servo_core::SERVO_HZ;
-use servo_core::capture::{self, Trigger};
-use servo_core::parameters::Settings;
-use servo_core::profile::Limits;
-use servo_core::record::Selection;
-use servo_protocol::message::{Request, Status};
-use tokio::sync::{broadcast, oneshot};
+use tokio::sync::{broadcast, mpsc};
 
-use super::news::{Captured, Live, News, State, Wish, parameters};
-use crate::cli::drive::motion::compensator_name;
-use crate::cli::drive::settled::Report;
-use crate::cli::drive::{Connected, params};
-use crate::link::{Drive, Error, units};
+use super::messages::{Action, ToPage};
 
-/// News that a browser may be behind before it misses some.
-const BACKLOG: usize = 256;
-/// Time between two messages of live traces.
-const NEWS_EVERY: Duration = Duration::from_millis(50);
-/// Time between two looks at the drive.
-const LOOK: Duration = Duration::from_millis(4);
-/// Acceleration of a move that names none, m/s².
-const ACCELERATION_M_PER_S2: f64 = 1.0;
-/// The capture of a move: 50 ms before the end of its profile and 450 ms after it.
-const CAPTURE: capture::Order = capture::Order {
-    words: Selection::ERROR_POSITION_FORCE,
-    samples: 2000,
-    before: 200,
-    every_ticks: 2,
-    trigger: Trigger::MoveEnd,
-};
+/// Orders that may wait for the drive's thread; one more is refused.
+const ORDERS: usize = 16;
+/// News that may wait for a page; a slower page loses the oldest, and is told how many.
+const NEWS: usize = 256;
+/// Captures that a new page is shown.
+const CAPTURES: usize = 4;
 
-/// A wish of a browser that may have it, and where its answer goes.
+/// What a page wants of the drive.
 pub struct Order {
-    /// What.
-    pub wish: Wish,
-    /// What was done, or why not.
-    pub answer: oneshot::Sender<Result<String, String>>,
+    /// What is wanted.
+    pub action: Action,
+    /// The page's number for it.
+    pub id: u32,
+    /// Way back to the page.
+    pub answers: mpsc::Sender<Arc<str>>,
 }
 
-/// The near end of the drive thread. Cloning is cheap.
-#[derive(Clone)]
+impl Order {
+    /// Tells the page how it ended. A page that does not read its answers misses this one.
+    pub fn answer(&self, result: Result<(), String>) {
+        let answer = ToPage::Answer { id: self.id, error: result.err() };
+        let _ = self.answers.try_send(answer.to_json().into());
+    }
+}
+
+/// What wakes the drive's thread before its next look at the drive.
+pub enum Wake {
+    /// Something to do.
+    Order(Order),
+    /// Look at the flags.
+    Look,
+}
+
+/// The meeting place.
 pub struct Hub {
-    orders: Sender<Order>,
-    /// Parameters as they are now.
-    settings: Arc<Mutex<Settings>>,
     news: broadcast::Sender<Arc<str>>,
-    /// What every browser is told first.
-    pub greeting: Greeting,
+    orders: SyncSender<Wake>,
+    stop: AtomicBool,
+    left: AtomicBool,
+    end: AtomicBool,
+    table: Mutex<Table>,
 }
 
-/// Who the drive is.
-#[derive(Clone, Debug)]
-pub struct Greeting {
-    /// Board, firmware, serial number.
-    pub drive: String,
-    /// Nothing real moves.
-    pub simulated: bool,
+/// Who is there, and what a new page must know.
+#[derive(Default)]
+struct Table {
+    /// In the order of arrival.
+    pages: Vec<u64>,
+    last_page: u64,
+    commander: Option<u64>,
+    link: Option<Arc<str>>,
+    parameters: Option<Arc<str>>,
+    moves: Option<Arc<str>>,
+    status: Option<Arc<str>>,
+    captures: VecDeque<Arc<str>>,
 }
 
 impl Hub {
-    /// Starts the drive thread.
-    ///
-    /// # Errors
-    /// The drive's parameters cannot be read.
-    pub fn start(connected: Connected) -> Result<Hub, Error> {
-        let Connected { mut drive, is_virtual } = connected;
-        let settings = drive.parameters()?;
-        let identity = drive.identity();
-        let [major, minor, patch] = identity.firmware;
-        let serial: String = identity.serial.iter().map(|word| format!("{word:08x}")).collect();
-        let greeting = Greeting {
-            drive: format!("{} · firmware {major}.{minor}.{patch} · {serial}", identity.board),
-            simulated: is_virtual,
-        };
-        let (orders, inbox) = channel();
-        let (news, _) = broadcast::channel(BACKLOG);
-        let shared = Arc::new(Mutex::new(settings));
-        let hub = Hub { orders, settings: shared.clone(), news: news.clone(), greeting };
-        let mut thread = Thread { drive, settings, shared, news, live: Live::default(), under_way: None };
-        std::thread::spawn(move || {
-            if let Err(error) = thread.run(&inbox) {
-                thread.tell(&News::Ended { text: error.to_string() });
-            }
-        });
-        Ok(hub)
+    /// A meeting place, and the drive's end of its queue.
+    pub fn new() -> (Arc<Self>, Receiver<Wake>) {
+        let (orders, receiver) = sync_channel(ORDERS);
+        let (news, _) = broadcast::channel(NEWS);
+        let flag = || AtomicBool::new(false);
+        let hub = Hub { news, orders, stop: flag(), left: flag(), end: flag(), table: Mutex::default() };
+        (Arc::new(hub), receiver)
     }
 
-    /// What comes from now on, as JSON.
-    pub fn listen(&self) -> broadcast::Receiver<Arc<str>> {
-        self.news.subscribe()
+    fn table(&self) -> MutexGuard<'_, Table> {
+        // Plain values: whoever panicked left nothing half-done that matters.
+        self.table.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The parameters as they are now.
-    pub fn parameters(&self) -> News {
-        News::Parameters { rows: parameters(&self.settings.lock().unwrap_or_else(PoisonError::into_inner)) }
-    }
-
-    /// Tells every browser.
-    pub fn tell(&self, news: &News) {
-        tell(&self.news, news);
-    }
-
-    /// Has a wish carried out.
-    ///
-    /// # Errors
-    /// The drive's refusal, in words.
-    pub async fn order(&self, wish: Wish) -> Result<String, String> {
-        let gone = || "the link to the drive is broken".to_owned();
-        let (answer, answered) = oneshot::channel();
-        self.orders.send(Order { wish, answer }).map_err(|_| gone())?;
-        answered.await.map_err(|_| gone())?
-    }
-}
-
-fn tell(to: &broadcast::Sender<Arc<str>>, news: &News) {
-    // Plain data: it always has a JSON form. That nobody listens is no error.
-    if let Ok(text) = serde_json::to_string(news) {
-        let _ = to.send(text.into());
-    }
-}
-
-/// A move whose settling is to be told.
-struct UnderWay {
-    from_m: f64,
-    target_m: f64,
-    compensator: f64,
-}
-
-struct Thread {
-    drive: Drive,
-    settings: Settings,
-    shared: Arc<Mutex<Settings>>,
-    news: broadcast::Sender<Arc<str>>,
-    live: Live,
-    under_way: Option<UnderWay>,
-}
-
-impl Thread {
-    fn tell(&self, news: &News) {
-        tell(&self.news, news);
-    }
-
-    /// Until nobody can order any more, or the link breaks.
-    fn run(&mut self, orders: &Receiver<Order>) -> Result<(), Error> {
-        let mut told = Instant::now();
-        loop {
-            match orders.try_recv() {
-                Err(TryRecvError::Disconnected) => return Ok(()),
-                Err(TryRecvError::Empty) => {}
-                Ok(Order { wish, answer }) => {
-                    let result = self.carry_out(&wish);
-                    // Who asked may be gone.
-                    let _ = answer.send(result.as_ref().map(String::clone).map_err(ToString::to_string));
-                    if let Err(error @ (Error::Broken(_) | Error::NoReply { .. })) = result {
-                        return Err(error);
-                    }
+    /// Tells every page, and remembers what a page that comes later must know.
+    pub fn publish(&self, message: &ToPage) {
+        let text: Arc<str> = message.to_json().into();
+        let mut table = self.table();
+        match message {
+            ToPage::Link { .. } => table.link = Some(text.clone()),
+            ToPage::Parameters { .. } => table.parameters = Some(text.clone()),
+            ToPage::Moves { .. } => table.moves = Some(text.clone()),
+            ToPage::Status(_) => table.status = Some(text.clone()),
+            ToPage::Capture(_) => {
+                if table.captures.len() == CAPTURES {
+                    table.captures.pop_front();
                 }
+                table.captures.push_back(text.clone());
             }
-            let status = self.drive.status()?;
-            self.watch(&status);
-            self.follow_move(&status)?;
-            if told.elapsed() >= NEWS_EVERY {
-                told = Instant::now();
-                self.tell(&News::State(state(&status)));
-                let live = std::mem::take(&mut self.live);
-                self.tell(&News::Live(live));
+            _ => {}
+        }
+        // Under the lock, so that a page finds it either in what it is shown first or in the news. Nobody there is no error.
+        let _ = self.news.send(text);
+    }
+
+    /// A page is there: its number, what it must know, and the news from then on. The first one commands.
+    pub fn join(&self) -> (u64, broadcast::Receiver<Arc<str>>) {
+        let mut table = self.table();
+        table.last_page += 1;
+        let page = table.last_page;
+        table.pages.push(page);
+        table.commander.get_or_insert(page);
+        let news = self.news.subscribe();
+        drop(table);
+        self.publish_role();
+        (page, news)
+    }
+
+    /// What a page must know that has seen nothing, or has lost news.
+    pub fn known(&self) -> Vec<Arc<str>> {
+        let table = self.table();
+        let role = role(&table).to_json().into();
+        let single = [&table.link, &table.parameters, &table.moves];
+        let before = single.into_iter().flatten().chain(&table.captures).chain(&table.status);
+        [role].into_iter().chain(before.cloned()).collect()
+    }
+
+    /// A page has gone. If it commanded, the drive is stopped and the page that came next commands.
+    pub fn leave(&self, page: u64) {
+        let mut table = self.table();
+        table.pages.retain(|other| *other != page);
+        if table.commander == Some(page) {
+            table.commander = table.pages.first().copied();
+            self.left.store(true, Ordering::Release);
+        }
+        drop(table);
+        self.wake();
+        self.publish_role();
+    }
+
+    /// This page commands from now on.
+    pub fn take_over(&self, page: u64) {
+        self.table().commander = Some(page);
+        self.publish_role();
+    }
+
+    /// Hands an order to the drive's thread, which answers it.
+    ///
+    /// # Errors
+    /// Why it never got there.
+    pub fn order(&self, page: u64, order: Order) -> Result<(), String> {
+        match self.table().commander {
+            Some(commander) if commander == page => {}
+            Some(commander) => {
+                return Err(format!("page {commander} commands, this is page {page}: take over first"));
             }
-            std::thread::sleep(LOOK);
+            None => return Err("nobody commands: take over first".to_owned()),
         }
+        let full = "too many orders at once: this one was dropped";
+        self.orders.try_send(Wake::Order(order)).map_err(|_| full.to_owned())
     }
 
-    fn watch(&mut self, status: &Status) {
-        let count_m = self.settings.encoder_count_m;
-        let live = &mut self.live;
-        live.time_s.push(f64::from(status.tick) / f64::from(SERVO_HZ));
-        live.position_mm.push(status.position_ct as f64 * count_m * 1e3);
-        live.error_nm.push(f64::from(status.error_ct) * count_m * 1e9);
-        live.force_n.push(status.force_n.into());
+    /// Brakes the drive to rest, before anything else that waits.
+    pub fn stop(&self) {
+        self.stop.store(true, Ordering::Release);
+        self.wake();
     }
 
-    /// After the end of a profile: settling first, then the capture, once.
-    fn follow_move(&mut self, status: &Status) -> Result<(), Error> {
-        if self.under_way.is_none() {
-            return Ok(());
-        }
-        if status.fault.is_some() {
-            self.under_way = None;
-            return Ok(());
-        }
-        if status.moving {
-            return Ok(());
-        }
-        let settling = self.drive.settling()?;
-        if !Report::is_ready(&settling) {
-            return Ok(());
-        }
-        let Some(UnderWay { from_m, target_m, compensator, .. }) = self.under_way.take() else { return Ok(()) };
-        let report = Report::new(&settling, self.settings.encoder_count_m);
-        let compensator = compensator_name(compensator);
-        self.tell(&News::Settled { compensator, from_mm: from_m * 1e3, to_mm: target_m * 1e3, report });
-        let captured = self.captured(target_m)?;
-        self.tell(&News::Captured(captured));
-        Ok(())
+    /// The server ends: the drive's thread brakes what moves and returns.
+    pub fn end(&self) {
+        self.end.store(true, Ordering::Release);
+        self.wake();
     }
 
-    fn captured(&mut self, target_m: f64) -> Result<Captured, Error> {
-        let count_m = self.settings.encoder_count_m;
-        let capture = self.drive.read_capture(|_, _| {})?;
-        let column = |name: &str| capture.column(name).unwrap_or_default();
-        let position_ct = column("position_low_ct");
-        Ok(Captured {
-            time_ms: capture.times_s().iter().map(|time_s| time_s * 1e3).collect(),
-            error_nm: column("error_ct").iter().map(|error_ct| error_ct * count_m * 1e9).collect(),
-            displacement_um: position_ct.iter().map(|ct| (ct * count_m - target_m) * 1e6).collect(),
-            force_n: column("force_n"),
-        })
+    /// Somebody wants the drive to stop; asked once.
+    pub fn take_stop(&self) -> bool {
+        self.stop.swap(false, Ordering::AcqRel)
     }
 
-    fn carry_out(&mut self, wish: &Wish) -> Result<String, Error> {
-        let done = |text: &str| Ok(text.to_owned());
-        match wish {
-            Wish::Enable => self.drive.enable().and_then(|_| done("enabled")),
-            Wish::Disable => self.drive.order(&Request::Disable).and_then(|_| done("disabled")),
-            Wish::Stop => self.drive.order(&Request::Stop).and_then(|_| done("braking")),
-            Wish::Clear => self.drive.order(&Request::ResetFault).and_then(|_| done("fault acknowledged")),
-            Wish::Release => done("released"),
-            Wish::Move { target, relative, acceleration } => {
-                self.begin_move(target, *relative, acceleration.as_deref())
-            }
-            Wish::Set { name, value } => {
-                let row = params::parse(name, value).map_err(|error| Error::Typed(error.to_string()))?;
-                self.drive.set_parameters(&[row])?;
-                self.settings = self.drive.parameters()?;
-                *self.shared.lock().unwrap_or_else(PoisonError::into_inner) = self.settings;
-                self.tell(&News::Parameters { rows: parameters(&self.settings) });
-                done(&format!("{name} = {value}"))
-            }
-        }
+    /// The page that commanded has gone; asked once.
+    pub fn take_left(&self) -> bool {
+        self.left.swap(false, Ordering::AcqRel)
     }
 
-    fn begin_move(&mut self, target: &str, relative: bool, acceleration: Option<&str>) -> Result<String, Error> {
-        let settings = &self.settings;
-        let target_m = units::length(target).map_err(Error::Typed)?;
-        let acceleration = match acceleration {
-            None => ACCELERATION_M_PER_S2.min(settings.acceleration_max_m_per_s2),
-            Some(text) => units::acceleration(text).map_err(Error::Typed)?,
-        };
-        let limits = Limits {
-            velocity_m_per_s: settings.velocity_max_m_per_s as f32,
-            acceleration_m_per_s2: acceleration as f32,
-            jerk_m_per_s3: None,
-        };
-        let count_m = settings.encoder_count_m;
-        let status = self.drive.status()?;
-        let from_ct = status.position_ct + i64::from(status.error_ct);
-        let target_ct = (target_m / count_m).round() as i64 + if relative { from_ct } else { 0 };
-        let compensator = settings.compensator;
-        self.drive.arm_capture(CAPTURE)?;
-        self.drive.order(&Request::Move { target_ct, limits })?;
-        let (from_m, target_m) = (from_ct as f64 * count_m, target_ct as f64 * count_m);
-        self.under_way = Some(UnderWay { from_m, target_m, compensator });
-        Ok(format!("moving to {}", units::show_length(target_m)))
+    /// The server ends.
+    pub fn ends(&self) -> bool {
+        self.end.load(Ordering::Acquire)
+    }
+
+    fn wake(&self) {
+        // A full queue wakes the thread as well.
+        let _ = self.orders.try_send(Wake::Look);
+    }
+
+    fn publish_role(&self) {
+        let role = role(&self.table());
+        self.publish(&role);
     }
 }
 
-fn state(status: &Status) -> State {
-    State {
-        time_s: f64::from(status.tick) / f64::from(SERVO_HZ),
-        state: status.state.to_string(),
-        fault: status.fault.map(|fault| (fault.number(), fault.explanation().to_owned())),
-        enabled: status.state.has_torque(),
-        moving: status.moving,
-        bus_v: status.bus_v,
+fn role(table: &Table) -> ToPage {
+    ToPage::Role { commander: table.commander, pages: table.pages.len() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn order(id: u32) -> (Order, mpsc::Receiver<Arc<str>>) {
+        let (answers, receiver) = mpsc::channel(1);
+        (Order { action: Action::Enable, id, answers }, receiver)
+    }
+
+    #[test]
+    fn the_first_page_commands_and_the_second_is_told_why_it_does_not() {
+        let (hub, _orders) = Hub::new();
+        let (first, second) = (hub.join().0, hub.join().0);
+        assert_eq!(hub.order(first, order(1).0), Ok(()));
+        assert_eq!(hub.order(second, order(1).0).unwrap_err(), "page 1 commands, this is page 2: take over first");
+        hub.take_over(second);
+        assert!(hub.order(first, order(2).0).is_err() && hub.order(second, order(2).0).is_ok());
+    }
+
+    #[test]
+    fn when_the_commander_leaves_the_drive_is_stopped_and_the_next_one_commands() {
+        let (hub, _orders) = Hub::new();
+        let (first, second) = (hub.join().0, hub.join().0);
+        hub.leave(second);
+        assert!(!hub.take_left(), "a page that only looked on");
+        let third = hub.join().0;
+        hub.leave(first);
+        assert!(hub.take_left() && !hub.take_left());
+        assert_eq!(hub.order(third, order(1).0), Ok(()));
+    }
+
+    #[test]
+    fn orders_are_bounded_and_what_does_not_fit_is_said() {
+        let (hub, orders) = Hub::new();
+        let page = hub.join().0;
+        let sent = (0..100).filter(|id| hub.order(page, order(*id).0).is_ok()).count();
+        assert_eq!(sent, ORDERS);
+        assert_eq!(orders.try_iter().count(), ORDERS);
+        assert!(hub.order(page, order(0).0).is_ok());
+        // A stop needs no place in the queue.
+        hub.stop();
+        assert!(hub.take_stop() && !hub.take_stop());
+    }
+
+    #[test]
+    fn a_slow_page_loses_the_oldest_news_and_learns_how_many() {
+        let (hub, _orders) = Hub::new();
+        let (_, mut news) = hub.join();
+        while news.try_recv().is_ok() {}
+        for _ in 0..NEWS + 7 {
+            hub.publish(&ToPage::Notice { text: String::new() });
+        }
+        assert_eq!(news.try_recv().unwrap_err(), broadcast::error::TryRecvError::Lagged(7));
+        assert_eq!(std::iter::from_fn(|| news.try_recv().ok()).count(), NEWS);
+    }
+
+    #[test]
+    fn a_late_page_is_shown_the_last_of_everything() {
+        let (hub, _orders) = Hub::new();
+        let parameters = |hash: &str| ToPage::Parameters { values: vec![1.0], unsaved: None, hash: hash.to_owned() };
+        hub.publish(&parameters("old"));
+        hub.publish(&parameters("new"));
+        hub.publish(&ToPage::Notice { text: "gone".to_owned() });
+        hub.join();
+        let known = hub.known().join("\n");
+        assert!(known.contains("new") && !known.contains("old") && !known.contains("gone"), "{known}");
+        assert!(known.contains(r#""commander":1,"pages":1"#), "{known}");
     }
 }

@@ -1,217 +1,197 @@
-//! The page and its WebSocket.
+//! HTTP and WebSocket: the page's files, and one conversation a page.
 
-use std::net::SocketAddr;
-use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result, ensure};
 use axum::Router;
-use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
-use axum::extract::{Query, State};
-use axum::http::{HeaderMap, StatusCode, Uri, header};
+use axum::body::Body;
+use axum::extract::ws::{CloseFrame, Message, WebSocket, WebSocketUpgrade};
+use axum::extract::{Request, State};
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::middleware::{self, Next};
 use axum::response::{IntoResponse, Response};
-use axum::routing::get;
-use serde::Deserialize;
-use tokio::net::TcpListener;
+use axum::routing::{any, get};
+use servo_core::compensator::Compensator;
+use servo_core::settling::TOLERANCES_NM;
 use tokio::sync::broadcast::error::RecvError;
+use tokio::sync::mpsc;
 
-use super::access::{Commander, Visitor, is_own_host, is_own_origin, is_token, random_token};
-use super::assets::{ASSETS, PAGE};
-use super::hub::Hub;
-use super::news::{News, Wish};
+use super::access::Access;
+use super::assets::ASSETS;
+use super::hub::{Hub, Order};
+use super::messages::{Action, FromPage, ToPage, table};
 
-/// Longest message from a browser, bytes.
-const LONGEST_WISH: usize = 4096;
-/// Nothing is loaded from elsewhere, and no other page may frame this one.
-const POLICY: &str = "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; frame-ancestors 'none'; base-uri 'none'; form-action 'none'";
+/// Longest message of a page, bytes.
+const LONGEST_MESSAGE: usize = 4096;
+/// How long a page may take to say who it is.
+const HELLO: Duration = Duration::from_secs(5);
+/// How often a page is asked whether it is there.
+const PING: Duration = Duration::from_secs(1);
+/// A page that has not answered for so long has gone.
+const SILENCE: Duration = Duration::from_secs(4);
+/// Answers that may wait for a page.
+const ANSWERS: usize = 32;
+/// WebSocket close code for a broken rule of the server.
+const POLICY: u16 = 1008;
 
-/// Where to serve, and to whom.
-#[derive(Clone, Debug)]
-pub struct Settings {
-    /// Address; port 0 takes a free one.
-    pub listen: SocketAddr,
-    /// Token that other computers have to know; `None` serves this computer only.
-    pub remote_token: Option<String>,
+/// What every request sees.
+#[derive(Clone)]
+pub struct Shared {
+    /// Who may talk.
+    pub access: Arc<Access>,
+    /// Way to the drive.
+    pub hub: Arc<Hub>,
 }
 
-struct Server {
-    hub: Hub,
-    /// Of the page, for its WebSocket.
-    token: String,
-    listen: SocketAddr,
-    remote_token: Option<String>,
-    visitors: AtomicU64,
-    commander: Mutex<Commander>,
+/// The routes.
+pub fn router(shared: Shared) -> Router {
+    let mut router = Router::new();
+    for asset in ASSETS {
+        let answer = move || async move { ([(header::CONTENT_TYPE, asset.media_type)], asset.text) };
+        router = router.route(asset.path, get(answer));
+    }
+    router.route("/ws", any(upgrade)).layer(middleware::from_fn_with_state(shared.clone(), guard)).with_state(shared)
 }
 
-/// Serves until the process ends. `announce` is told the page's address.
-///
-/// # Errors
-/// An address that cannot be listened on, or that others reach although nobody said that they may.
-pub async fn serve(hub: Hub, settings: Settings, announce: impl FnOnce(&str)) -> Result<()> {
-    let Settings { listen, remote_token } = settings;
-    ensure!(
-        listen.ip().is_loopback() || remote_token.is_some(),
-        "--listen {listen}: other computers can reach this address; --remote-token TOKEN says which ones may come in"
-    );
-    ensure!(
-        remote_token.as_ref().is_none_or(|token| token.len() >= 16),
-        "--remote-token: at least 16 characters, or it can be guessed"
-    );
-    let listener = TcpListener::bind(listen).await.with_context(|| format!("listening on {listen}"))?;
-    let listen = listener.local_addr().context("the listening socket")?;
-    let suffix = remote_token.as_ref().map_or(String::new(), |token| format!("?token={token}"));
-    announce(&format!("http://{listen}/{suffix}"));
-    let server = Server {
-        hub,
-        token: random_token(),
-        listen,
-        remote_token,
-        visitors: AtomicU64::new(1),
-        commander: Mutex::default(),
+/// Refuses what is not addressed to this server, and tells browsers to be strict with what is sent.
+async fn guard(State(shared): State<Shared>, request: Request<Body>, next: Next) -> Response {
+    let mut response = match shared.access.check_host(request.headers()) {
+        Ok(()) => next.run(request).await,
+        Err(reason) => (StatusCode::FORBIDDEN, reason).into_response(),
     };
-    let app =
-        Router::new().route("/", get(page)).route("/link", get(link)).fallback(asset).with_state(Arc::new(server));
-    axum::serve(listener, app).await.context("serving the page")
-}
-
-#[derive(Deserialize)]
-struct Tokens {
-    token: Option<String>,
-}
-
-fn forbidden(why: &'static str) -> Response {
-    (StatusCode::FORBIDDEN, why).into_response()
-}
-
-fn header_text(headers: &HeaderMap, name: header::HeaderName) -> &str {
-    headers.get(name).and_then(|value| value.to_str().ok()).unwrap_or_default()
-}
-
-async fn page(State(server): State<Arc<Server>>, Query(tokens): Query<Tokens>, headers: HeaderMap) -> Response {
-    if !is_own_host(header_text(&headers, header::HOST), server.listen) {
-        return forbidden("this is not the address that servoctl serves");
-    }
-    let tried = tokens.token.unwrap_or_default();
-    if server.remote_token.as_ref().is_some_and(|token| !is_token(token, &tried)) {
-        return forbidden("this page needs its token: servoctl has printed the whole address");
-    }
-    let page = PAGE.replace("{{token}}", &server.token);
-    answer("text/html; charset=utf-8", page)
-}
-
-async fn asset(State(server): State<Arc<Server>>, uri: Uri, headers: HeaderMap) -> Response {
-    if !is_own_host(header_text(&headers, header::HOST), server.listen) {
-        return forbidden("this is not the address that servoctl serves");
-    }
-    match ASSETS.iter().find(|(path, ..)| *path == uri.path()) {
-        Some((_, media_type, content)) => answer(media_type, (*content).to_owned()),
-        None => (StatusCode::NOT_FOUND, "no such page").into_response(),
-    }
-}
-
-fn answer(media_type: &'static str, content: String) -> Response {
-    let headers = [
-        (header::CONTENT_TYPE, media_type),
-        (header::CONTENT_SECURITY_POLICY, POLICY),
+    let rules = [
+        // The page's own files and its own socket; nothing from elsewhere, nothing in line, no frame around it.
+        (
+            header::CONTENT_SECURITY_POLICY,
+            "default-src 'self'; object-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+        ),
         (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
         (header::REFERRER_POLICY, "no-referrer"),
+        (header::X_FRAME_OPTIONS, "DENY"),
         (header::CACHE_CONTROL, "no-store"),
+        (header::HeaderName::from_static("cross-origin-resource-policy"), "same-origin"),
+        (header::HeaderName::from_static("cross-origin-opener-policy"), "same-origin"),
     ];
-    (headers, content).into_response()
+    for (name, value) in rules {
+        response.headers_mut().insert(name, HeaderValue::from_static(value));
+    }
+    response
 }
 
-async fn link(
-    State(server): State<Arc<Server>>,
-    Query(tokens): Query<Tokens>,
-    headers: HeaderMap,
-    upgrade: WebSocketUpgrade,
-) -> Response {
-    let host = header_text(&headers, header::HOST);
-    if !is_own_host(host, server.listen) || !is_own_origin(header_text(&headers, header::ORIGIN), host) {
-        return forbidden("only the page that servoctl serves may connect");
+async fn upgrade(State(shared): State<Shared>, headers: HeaderMap, socket: WebSocketUpgrade) -> Response {
+    match shared.access.check_origin(&headers) {
+        Ok(()) => socket.max_message_size(LONGEST_MESSAGE).on_upgrade(move |socket| greet(shared, socket)),
+        Err(reason) => (StatusCode::FORBIDDEN, reason).into_response(),
     }
-    if !is_token(&server.token, &tokens.token.unwrap_or_default()) {
-        return forbidden("the page is of an earlier servoctl: load it again");
-    }
-    upgrade.max_message_size(LONGEST_WISH).on_upgrade(move |socket| attend(server, socket))
 }
 
-/// One browser, until it leaves.
-async fn attend(server: Arc<Server>, mut socket: WebSocket) {
-    let visitor = server.visitors.fetch_add(1, Ordering::Relaxed);
-    let mut news = server.hub.listen();
-    let greeting = &server.hub.greeting;
-    let hello = News::Hello { drive: greeting.drive.clone(), simulated: greeting.simulated, you: visitor };
-    let parameters = server.hub.parameters();
-    let commander = News::Commander { holder: server.commander().holder() };
-    let mut connected = true;
-    for news in [hello, parameters, commander] {
-        connected &= send(&mut socket, &news).await;
+/// A page is heard once it has shown the token; before, it is told nothing.
+async fn greet(shared: Shared, mut socket: WebSocket) {
+    let first = tokio::time::timeout(HELLO, socket.recv()).await;
+    let hello = match first {
+        Ok(Some(Ok(Message::Text(text)))) => serde_json::from_str::<FromPage>(&text).ok(),
+        _ => None,
+    };
+    if hello.is_some_and(|hello| hello.action == Action::Hello && shared.access.knows(&hello.token)) {
+        talk(&shared, socket).await;
+    } else {
+        let reason = "the token is missing or old: open the address that servoctl prints";
+        let _ = socket.send(Message::Close(Some(CloseFrame { code: POLICY, reason: reason.into() }))).await;
     }
-    while connected {
-        connected = tokio::select! {
-            told = news.recv() => match told {
-                Ok(text) => socket.send(Message::Text(text.as_ref().into())).await.is_ok(),
-                // A browser that sleeps misses live traces and goes on with the newest.
-                Err(RecvError::Lagged(_)) => true,
-                Err(RecvError::Closed) => false,
-            },
-            wanted = socket.recv() => match wanted {
-                Some(Ok(Message::Text(text))) => {
-                    let (done, text) = match server.obey(visitor, &text).await {
-                        Ok(text) => (true, text),
-                        Err(text) => (false, text),
-                    };
-                    send(&mut socket, &News::Answer { done, text }).await
+}
+
+/// Everything a page and the server say to each other.
+async fn talk(shared: &Shared, mut socket: WebSocket) {
+    let (page, mut news) = shared.hub.join();
+    let (sender, mut answers) = mpsc::channel::<Arc<str>>(ANSWERS);
+    let mut ping = tokio::time::interval(PING);
+    let (mut heard, mut dropped) = (Instant::now(), 0);
+    let mut waiting: Vec<Arc<str>> = vec![welcome(page).to_json().into()];
+    waiting.extend(shared.hub.known());
+    loop {
+        let mut broken = false;
+        for text in waiting.drain(..) {
+            broken |= socket.send(Message::Text((*text).into())).await.is_err();
+        }
+        if broken {
+            break;
+        }
+        tokio::select! {
+            message = socket.recv() => {
+                heard = Instant::now();
+                match message {
+                    Some(Ok(Message::Text(text))) => match read(shared, page, &text, &sender) {
+                        Ok(answer) => waiting.extend(answer.map(|answer| answer.to_json().into())),
+                        Err(reason) => {
+                            let close = CloseFrame { code: POLICY, reason: reason.into() };
+                            let _ = socket.send(Message::Close(Some(close))).await;
+                            break;
+                        }
+                    },
+                    Some(Ok(Message::Close(_)) | Err(_)) | None => break,
+                    Some(Ok(_)) => {}
                 }
-                Some(Ok(Message::Close(_)) | Err(_)) | None => false,
-                Some(Ok(_)) => true,
-            },
-        };
-    }
-    server.release(visitor);
-}
-
-async fn send(socket: &mut WebSocket, news: &News) -> bool {
-    match serde_json::to_string(news) {
-        Ok(text) => socket.send(Message::Text(text.into())).await.is_ok(),
-        Err(_) => false,
-    }
-}
-
-impl Server {
-    fn commander(&self) -> std::sync::MutexGuard<'_, Commander> {
-        // A thread that panicked while it held this has left it whole.
-        self.commander.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    async fn obey(&self, visitor: Visitor, text: &str) -> Result<String, String> {
-        let wish: Wish = serde_json::from_str(text).map_err(|error| format!("not understood: {error}"))?;
-        match wish {
-            Wish::Release => {
-                self.release(visitor);
-                Ok("another browser may command".to_owned())
             }
-            // Whoever sees it go wrong may stop it.
-            Wish::Stop => self.hub.order(wish).await,
-            wish => {
-                let before = self.commander().holder();
-                self.commander().admit(visitor)?;
-                if before.is_none() {
-                    self.tell_commander();
+            answer = answers.recv() => waiting.extend(answer),
+            text = news.recv() => match text {
+                Ok(text) => waiting.push(text),
+                Err(RecvError::Lagged(messages)) => {
+                    dropped += messages;
+                    waiting.push(ToPage::Dropped { messages: dropped }.to_json().into());
+                    waiting.extend(shared.hub.known());
                 }
-                self.hub.order(wish).await
+                Err(RecvError::Closed) => break,
+            },
+            _ = ping.tick() => {
+                if heard.elapsed() > SILENCE || socket.send(Message::Ping(Default::default())).await.is_err() {
+                    break;
+                }
             }
         }
     }
+    shared.hub.leave(page);
+}
 
-    fn release(&self, visitor: Visitor) {
-        self.commander().release(visitor);
-        self.tell_commander();
+/// Does what a page says; `Ok(None)`: the drive's thread will answer.
+///
+/// # Errors
+/// Why this page is not talked to any longer.
+fn read(
+    shared: &Shared,
+    page: u64,
+    text: &str,
+    sender: &mpsc::Sender<Arc<str>>,
+) -> Result<Option<ToPage>, &'static str> {
+    let Ok(FromPage { token, id, action }) = serde_json::from_str(text) else {
+        return Err("a message that means nothing here: reload the page");
+    };
+    if !shared.access.knows(&token) {
+        return Err("a message without the token");
     }
+    let done = Some(ToPage::Answer { id, error: None });
+    Ok(match action {
+        Action::Hello => done,
+        Action::TakeOver => {
+            shared.hub.take_over(page);
+            done
+        }
+        Action::Stop => {
+            shared.hub.stop();
+            done
+        }
+        action => {
+            let order = Order { action, id, answers: sender.clone() };
+            shared.hub.order(page, order).err().map(|reason| ToPage::Answer { id, error: Some(reason) })
+        }
+    })
+}
 
-    fn tell_commander(&self) {
-        self.hub.tell(&News::Commander { holder: self.commander().holder() });
+fn welcome(page: u64) -> ToPage {
+    ToPage::Welcome {
+        page,
+        servo_hz: servo_core::SERVO_HZ,
+        tolerances_nm: TOLERANCES_NM,
+        compensators: Compensator::ALL.iter().map(|compensator| compensator.name()).collect(),
+        table: table(),
     }
 }

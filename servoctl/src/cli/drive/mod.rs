@@ -6,7 +6,7 @@ pub mod identity;
 pub mod log;
 pub mod motion;
 pub mod params;
-mod record_file;
+pub mod record_file;
 pub mod scope;
 pub mod sequence;
 pub mod settled;

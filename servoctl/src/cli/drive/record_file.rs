@@ -37,7 +37,7 @@ impl Head {
 }
 
 /// Fingerprint of parameters by ids and bits.
-fn parameter_hash(settings: &Settings) -> u64 {
+pub fn parameter_hash(settings: &Settings) -> u64 {
     let of = |so_far: Fingerprint, row: &servo_core::parameters::Parameter| {
         so_far.with(&row.id.to_le_bytes()).with(&row.get(settings).to_bits().to_le_bytes())
     };

@@ -46,8 +46,12 @@ impl Report {
 
     /// Whether a block of noise is known that began after the narrowest band was reached, or nobody waits longer.
     pub fn is_ready(settling: &Settling) -> bool {
-        let quiet_ticks = settling.ticks.saturating_sub(settling.settled_after_ticks[0]);
-        quiet_ticks >= 2 * NOISE_TICKS || settling.ticks >= LONGEST_TICKS
+        Report::is_quiet(settling) || settling.ticks >= LONGEST_TICKS
+    }
+
+    /// Whether a block of noise is known that began after the narrowest band was reached.
+    pub fn is_quiet(settling: &Settling) -> bool {
+        settling.ticks.saturating_sub(settling.settled_after_ticks[0]) >= 2 * NOISE_TICKS
     }
 
     /// Waits until the drive knows, at most two seconds of its own time after the end of the profile; `look` may end the wait.
