@@ -17,6 +17,8 @@ pub struct Carriage {
     stage: Stage,
     seed: u64,
     motion: Motion,
+    /// Force from outside on the mass, N.
+    external_n: f64,
     friction: Friction,
     /// σ (N/m) and F_C (N) of the move.
     drawn: [f64; 2],
@@ -46,6 +48,7 @@ impl Carriage {
             stage: *stage,
             seed,
             motion: Motion::default(),
+            external_n: 0.0,
             friction: Friction::new(&stage.friction),
             drawn: [stage.friction.stiffness_n_per_m, stage.friction.coulomb_n],
             encoder_noise: Noise::new(seed, Purpose::Encoder, BEFORE_FIRST_MOVE),
@@ -82,7 +85,7 @@ impl Carriage {
     #[inline]
     pub fn advance(&mut self, step: &Step, steps: u32, from_n: f64, to_n: f64) {
         let rise_n = (to_n - from_n) / f64::from(steps);
-        let mut force_n = from_n + 0.5 * rise_n;
+        let mut force_n = from_n + 0.5 * rise_n + self.external_n;
         let mut motion = self.motion;
         for _ in 0..steps {
             motion.drift(step);
@@ -103,7 +106,7 @@ impl Carriage {
     /// [`Carriage::drift`]s, a step of second order.
     #[inline]
     pub fn kick(&mut self, step: &Step, force_n: f64) {
-        self.motion.kick(step, &mut self.friction, force_n);
+        self.motion.kick(step, &mut self.friction, force_n + self.external_n);
     }
 
     /// What the encoder tells of the position a latency ago, with the noise of one reading, as 64 bits: the line bits of a BiSS-C
@@ -171,6 +174,11 @@ impl Carriage {
     /// Gives the carriage a velocity, m/s: a push that takes no time.
     pub fn set_velocity(&mut self, velocity_m_per_s: f64) {
         self.motion.velocity_m_per_s = velocity_m_per_s;
+    }
+
+    /// From now on something pushes the carriage with this force, N.
+    pub fn set_external_force_n(&mut self, external_n: f64) {
+        self.external_n = external_n;
     }
 
     /// Dahl's σ (N/m) and F_C (N) of the present move: the truth that an identification looks for.
