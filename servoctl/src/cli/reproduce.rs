@@ -213,7 +213,7 @@ fn one(options: &Options, name: Name, stage: &Stage) -> Result<Found> {
             Ok((found.to_text(), serde_json::to_value(&found)?))
         }
         Kind::Models => {
-            let found = models::run();
+            let found = measured(name, models::FITS, "fits", |watch| Ok(models::run(watch)))?;
             Ok((found.to_text(), serde_json::to_value(&found)?))
         }
         Kind::IdentificationStudy => {
