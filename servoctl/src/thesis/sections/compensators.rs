@@ -31,7 +31,7 @@ pub fn section(outcome: &Outcome, run: &Run) -> Section {
         .figure(
             &[],
             [means_plot(run)],
-            "mean settling time per tolerance with every compensator; only moves that settled are in a mean",
+            "mean settling time per tolerance with every compensator, where at least half of the moves settled",
         )
         .table(&[], table(run))
         .table(&[], outcome.configurations().under(CONFIGURATIONS))
@@ -86,8 +86,11 @@ fn means_plot(run: &Run) -> Plot {
     );
     let mut plot = run.configs.iter().enumerate().fold(plot, |plot, (i, config)| {
         let points: Vec<(f64, f64)> = (0..run.settling.tolerances_nm.len())
-            .filter_map(|t| Some((t as f64, sample(&config.settling, t).mean.filter(|ms| *ms > 0.0)?)))
+            .filter_map(|t| Some((t as f64, config.typical_ms(t).filter(|ms| *ms > 0.0)?)))
             .collect();
+        if points.is_empty() {
+            return plot;
+        }
         // The colours repeat after eight: dots tell the second round from the first.
         let series = Series::new(&config.settling.name, i).line(points.iter().copied());
         let dotted = i >= crate::plot::COLOURS;

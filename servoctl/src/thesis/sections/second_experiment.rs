@@ -25,7 +25,7 @@ pub fn section(runs: &[&Run], traces: &[Traces]) -> Section {
         runs.iter().map(|run| format!("{}: {}", title(run), range_in_words(run, NIASA))).collect::<Vec<_>>().join("; ");
     let mut section = Section::new("9.2 Second experiment: 5 mm at 10 m/s²")
         .judged(Target::SecondExperiment, ours, judge(&checks).because(why_slower(runs)))
-        .conditions(conditions(runs))
+        .conditions(conditions(runs).into_iter().map(|(name, value)| (name, if name == "Tuning" { tuning(runs) } else { value })))
         .text(
             "How large the error of the feedforward mass was, the thesis does not say. It decides: while the stage brakes, the loop \
              holds (m − m_ff)·a; when the profile ends, that force is left over, and it has to be unlearned against friction. \
@@ -57,6 +57,14 @@ pub fn section(runs: &[&Run], traces: &[Traces]) -> Section {
         Some(note) => section.text(note),
         None => section,
     }
+}
+
+/// The tuning that the runs have in common.
+fn tuning(runs: &[&Run]) -> String {
+    let crossover = runs
+        .first()
+        .map_or(String::new(), |r| format!("{} Hz / {}°", r.tuning.crossover_hz, r.tuning.phase_margin_deg));
+    format!("{crossover}, acceleration feedforward with the mass error shown")
 }
 
 /// Faster at every tolerance, for each mass error; and within the thesis' range for at least one of them.

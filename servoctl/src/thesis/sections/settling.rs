@@ -38,7 +38,7 @@ pub fn table(run: &Run) -> Table {
     let what = if run.configs.len() <= 3 {
         "mean ± standard deviation"
     } else {
-        "mean (reduction against PID; unsettled moves)"
+        "mean (reduction against PID), where at least half of the moves settled"
     };
     run.table().under(format!("{name}settling time after the end of the profile in ms, {what}"))
 }
