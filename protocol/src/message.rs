@@ -92,7 +92,6 @@ pub enum Request {
 
 /// What the drive answers.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[expect(clippy::large_enum_variant, reason = "there is no allocator to box with")]
 pub enum Reply {
     /// To [`Request::Identity`].
     Identity(Identity),

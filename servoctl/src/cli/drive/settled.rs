@@ -104,7 +104,6 @@ mod tests {
             overshoot_ct: 100,
             noise_ct2: Some(100.0),
             noise_peak_to_peak_ct: 60,
-            ..Settling::default()
         };
         let report = Report::new(&settling, 1e-10);
         assert_eq!(report.settled_after_ms, [None, Some(100.0), Some(50.0), Some(10.0), Some(1.0), Some(0.0)]);
