@@ -4,7 +4,7 @@
 //!            orders (3)                       records (127)     telemetry
 //! commands ─────────────▶ control interrupts ─────────────────▶ task
 //!   task   ◀─────────────   Axis             ─────────────────▶
-//!           outcomes (3)                      snapshots (1)
+//!           answers (3)                       snapshots (1)
 //! ```
 //! Every queue is lock-free with one producer and one consumer. The interrupts never wait: what does not fit is dropped
 //! and counted.
@@ -17,10 +17,11 @@ use servo_board::Control;
 use servo_core::axis::{Axis, ServoSample};
 use servo_core::capture;
 use servo_core::current::{Bridge, PhaseCodes};
-use servo_core::drive::{Command, Commutation, Counters, Outcome};
+use servo_core::drive::{Command, Commutation, Counters};
 use servo_core::record::TickRecord;
 use servo_core::refusal::Refusal;
 use servo_core::settling::Settling;
+use servo_protocol::stream;
 use static_cell::{ConstStaticCell, StaticCell};
 
 /// Records that fit between two visits of the telemetry task: 15 ms.
@@ -30,15 +31,20 @@ const RECORDS: usize = 128;
 #[derive(Clone, Copy)]
 #[expect(clippy::large_enum_variant, reason = "there is no allocator to box with")]
 pub enum Order {
-    /// For the drive, answered by an outcome.
+    /// For the drive.
     Command(Command),
-    /// For the capture, checked beforehand and not answered.
+    /// For the capture, checked beforehand.
     Capture(capture::Order),
 }
+
+/// The number of the tick that carried an order out, or why it did not.
+pub type Answer = Result<u32, Refusal>;
 
 /// What the drive knows about itself beyond the tick's record.
 #[derive(Clone, Copy, Default)]
 pub struct Snapshot {
+    /// The tick that it was taken in.
+    pub tick: u32,
     /// Counts and extremes since start.
     pub counters: Counters,
     /// How the last move settled, so far.
@@ -55,7 +61,7 @@ pub struct Snapshot {
 pub struct InInterrupts {
     axis: Axis,
     orders: Consumer<'static, Order>,
-    outcomes: Producer<'static, Outcome>,
+    answers: Producer<'static, Answer>,
     records: Producer<'static, TickRecord>,
     snapshots: Producer<'static, Snapshot>,
     records_dropped: u32,
@@ -80,13 +86,12 @@ impl Control for InInterrupts {
         let output = self.axis.on_servo(sample, command);
         if order.is_some() {
             let _ = self.orders.dequeue();
-        }
-        if let Some(outcome) = output.outcome {
             // As many fit as orders, so there is room.
-            let _ = self.outcomes.enqueue(outcome);
+            let tick = output.record.sequence;
+            let _ = self.answers.enqueue(output.outcome.unwrap_or(Ok(())).map(|()| tick));
         }
         if let Some(sample) = output.sample {
-            for (offset, word) in sample.words.into_iter().enumerate() {
+            for (offset, word) in sample.words.into_iter().enumerate().take(sample.count as usize) {
                 servo_board::capture::store(sample.at as usize + offset, word);
             }
         }
@@ -96,6 +101,7 @@ impl Control for InInterrupts {
         if self.snapshots.ready() {
             let drive = self.axis.drive();
             let _ = self.snapshots.enqueue(Snapshot {
+                tick: output.record.sequence,
                 counters: drive.counters(),
                 settling: drive.settling(),
                 capture: self.axis.capture().progress(),
@@ -118,7 +124,7 @@ pub struct Reports {
 /// The command task's side.
 pub struct Commander {
     orders: Producer<'static, Order>,
-    outcomes: Consumer<'static, Outcome>,
+    answers: Consumer<'static, Answer>,
 }
 
 impl Commander {
@@ -126,25 +132,28 @@ impl Commander {
     ///
     /// # Errors
     /// The drive's refusal, or [`Refusal::Busy`] if no tick took the command within 10 ms.
-    pub async fn execute(&mut self, command: Command) -> Outcome {
-        while self.outcomes.dequeue().is_some() {}
-        self.orders.enqueue(Order::Command(command)).map_err(|_| Refusal::Busy)?;
-        for _ in 0..40 {
-            Timer::after_micros(250).await;
-            if let Some(outcome) = self.outcomes.dequeue() {
-                return outcome;
-            }
-        }
-        Err(Refusal::Busy)
+    pub async fn execute(&mut self, command: Command) -> Answer {
+        self.order(Order::Command(command)).await
     }
 
-    /// Orders a capture.
+    /// Orders a capture and waits until it is armed.
     ///
     /// # Errors
     /// What [`capture::Order::check`] refuses, or [`Refusal::Busy`].
-    pub fn capture(&mut self, order: capture::Order) -> Outcome {
-        let order = order.check(servo_board::capture::WORDS as u32)?;
-        self.orders.enqueue(Order::Capture(order)).map_err(|_| Refusal::Busy)
+    pub async fn capture(&mut self, order: capture::Order) -> Answer {
+        self.order(Order::Capture(order.check(servo_board::capture::WORDS as u32)?)).await
+    }
+
+    async fn order(&mut self, order: Order) -> Answer {
+        while self.answers.dequeue().is_some() {}
+        self.orders.enqueue(order).map_err(|_| Refusal::Busy)?;
+        for _ in 0..40 {
+            Timer::after_micros(250).await;
+            if let Some(answer) = self.answers.dequeue() {
+                return answer;
+            }
+        }
+        Err(Refusal::Busy)
     }
 }
 
@@ -155,29 +164,33 @@ pub struct Latest {
     pub record: Cell<TickRecord>,
     /// Newest snapshot.
     pub snapshot: Cell<Snapshot>,
-    /// Frames that arrived garbled on the serial link.
-    pub garbled_frames: Cell<u32>,
+    /// Frames on the serial link that could not be read.
+    pub unreadable_frames: Cell<u32>,
+    /// What is to be streamed, and the number of the request that said so: for the telemetry task to take.
+    pub stream: Cell<Option<(u32, stream::Order)>>,
+    /// Blocks of streams that found the line busy.
+    pub lost_blocks: Cell<u32>,
 }
 
 /// Splits the drive. To be called once.
 pub fn split(axis: Axis) -> (&'static mut InInterrupts, Commander, Reports) {
     static ORDERS: ConstStaticCell<Queue<Order, 4>> = ConstStaticCell::new(Queue::new());
-    static OUTCOMES: ConstStaticCell<Queue<Outcome, 4>> = ConstStaticCell::new(Queue::new());
+    static ANSWERS: ConstStaticCell<Queue<Answer, 4>> = ConstStaticCell::new(Queue::new());
     static RECORDS_QUEUE: ConstStaticCell<Queue<TickRecord, RECORDS>> = ConstStaticCell::new(Queue::new());
     static SNAPSHOTS: ConstStaticCell<Queue<Snapshot, 2>> = ConstStaticCell::new(Queue::new());
     static IN_INTERRUPTS: StaticCell<InInterrupts> = StaticCell::new();
     let (orders_in, orders_out) = ORDERS.take().split();
-    let (outcomes_in, outcomes_out) = OUTCOMES.take().split();
+    let (answers_in, answers_out) = ANSWERS.take().split();
     let (records_in, records_out) = RECORDS_QUEUE.take().split();
     let (snapshots_in, snapshots_out) = SNAPSHOTS.take().split();
     let in_interrupts = IN_INTERRUPTS.init(InInterrupts {
         axis,
         orders: orders_out,
-        outcomes: outcomes_in,
+        answers: answers_in,
         records: records_in,
         snapshots: snapshots_in,
         records_dropped: 0,
     });
-    let commander = Commander { orders: orders_in, outcomes: outcomes_out };
+    let commander = Commander { orders: orders_in, answers: answers_out };
     (in_interrupts, commander, Reports { records: records_out, snapshots: snapshots_out })
 }

@@ -11,10 +11,12 @@ mod telemetry;
 use defmt::{error, info, warn};
 use defmt_rtt as _;
 use embassy_executor::{SpawnError, SpawnToken, Spawner};
+use heapless::String;
 use servo_core::axis::Axis;
 use servo_core::config::Config;
 use servo_core::drive::Commutation;
 use servo_protocol::message::{Identity, PROTOCOL};
+use servo_protocol::program::Fingerprint;
 use static_cell::StaticCell;
 
 use crate::commands::Commands;
@@ -61,20 +63,21 @@ async fn main(spawner: Spawner) {
     if let Err(fault) = board.power_stage.start(in_interrupts) {
         error!("control loop not started: {}", fault);
     }
+    let program = servo_board::program().iter().fold(Fingerprint::default(), |so_far, part| so_far.with(part));
     let identity = Identity {
         protocol: PROTOCOL,
         firmware: VERSION,
-        count_fm: (settings.encoder_count_m * 1e15 + 0.5) as u64,
+        program: program.0,
+        board: String::try_from(servo_board::NAME).unwrap_or_default(),
         serial: board.serial,
     };
     match board.link {
-        Ok(link) => spawn(
-            &spawner,
-            commands::run(
-                link,
-                Commands { identity, settings, commutation: Commutation::default(), commander, latest, storage },
-            ),
-        ),
+        Ok((tx, rx)) => {
+            spawn(&spawner, commands::send(tx));
+            let commutation = Commutation::default();
+            let commands = Commands { identity, settings, commutation, commander, latest, storage };
+            spawn(&spawner, commands::run(rx, commands));
+        }
         Err(error) => error!("no serial link: {}", error),
     }
     spawn(&spawner, storage::run(flash, store, storage));
