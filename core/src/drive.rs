@@ -39,6 +39,7 @@ pub struct Inputs {
 
 /// What a person, or a program, can ask of the drive.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[expect(clippy::large_enum_variant, reason = "there is no allocator to box with, and a command is rare")]
 pub enum Command {
     /// Close the loops at the present position, one state per tick up to Operation enabled.
@@ -106,6 +107,7 @@ pub struct Counters {
 
 /// The drive: configuration, and state apart from it.
 #[derive(Clone, Debug)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Drive {
     config: Config,
     state: State,

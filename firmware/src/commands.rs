@@ -15,11 +15,12 @@ use servo_core::parameters::{Access, Parameter, Settings, TABLE};
 use servo_core::position::Position;
 use servo_core::record::flags;
 use servo_core::refusal::Refusal;
+use servo_protocol::black_box::{self, Memory};
 use servo_protocol::frame::{Collector, MAX_FRAME, encode};
 use servo_protocol::message::{BLOCK_WORDS, Identity, PARAMETERS_PER_REPLY, Reply, Request, Status};
 
 use crate::clients;
-use crate::drive::{Commander, Latest};
+use crate::drive::{BLACK_BOX, Commander, Latest};
 use crate::storage::Storage;
 
 /// While the line is silent, the task checks in with the watchdog this often.
@@ -86,6 +87,7 @@ impl Commands {
             Request::Status => return Reply::Status(self.status()),
             Request::Settling => return Reply::Settling(self.latest.snapshot.get().settling),
             Request::ReadCapture { first } => return Reply::Capture { first, words: self.captured(first) },
+            Request::ReadBlackBox { first } => return Reply::BlackBox { first, words: black_box_words(first) },
             Request::GetParameter(id) => match Parameter::by_id(id) {
                 Some(parameter) => return Reply::Parameter { id, value: parameter.get(&self.settings) },
                 None => Err(Refusal::UnknownParameter(id)),
@@ -206,4 +208,10 @@ impl Commands {
         self.settings = settings;
         Ok(())
     }
+}
+
+/// A block of the black box.
+fn black_box_words(first: u32) -> Vec<u32, BLOCK_WORDS> {
+    let end = (black_box::WORDS as u32).min(first.saturating_add(BLOCK_WORDS as u32));
+    (first..end).map(|index| BLACK_BOX.0.load(index as usize)).collect()
 }

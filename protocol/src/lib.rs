@@ -4,5 +4,6 @@
 //! ended by a zero ([`frame`]). The host numbers its requests; a reply carries the number of its request.
 #![no_std]
 
+pub mod black_box;
 pub mod frame;
 pub mod message;

@@ -82,6 +82,12 @@ pub enum Request {
     ResetParameters,
     /// [`Reply::ParameterStore`].
     ParameterStore,
+    /// Read words of the black box from this index on: [`Reply::BlackBox`]. They stay what they are while it is sealed and the bridge
+    /// is off (see [`crate::black_box`]).
+    ReadBlackBox {
+        /// Index of the first word.
+        first: u32,
+    },
 }
 
 /// What the drive answers.
@@ -116,6 +122,13 @@ pub enum Reply {
     Parameters(Vec<(u16, f64), PARAMETERS_PER_REPLY>),
     /// To [`Request::ParameterStore`].
     ParameterStore(ParameterStore),
+    /// To [`Request::ReadBlackBox`]: a block, shorter at the end of the [`crate::black_box::WORDS`] words, then empty.
+    BlackBox {
+        /// Index of the first word.
+        first: u32,
+        /// The words.
+        words: Vec<u32, BLOCK_WORDS>,
+    },
 }
 
 /// Who the drive is.
