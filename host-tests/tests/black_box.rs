@@ -12,6 +12,7 @@ use servo_core::monitor::signals;
 use servo_core::parameters::Settings;
 use servo_core::position::Position;
 use servo_core::profile::Limits;
+use servo_core::record::flags;
 use servo_host_tests::{Bench, tuning};
 use servo_protocol::black_box::{BlackBox, Memory, ReplayError, WORDS};
 use servo_sim::Stage;
@@ -156,6 +157,18 @@ fn ticks_of_every_compensator_come_out_the_same_through_a_move_a_change_of_gains
         let replayed = recorded.black_box.replay();
         assert!(replayed.is_ok_and(|ticks| ticks > BEFORE_TICKS + AFTER_TICKS), "{compensator:?}: {replayed:?}");
     }
+}
+
+#[test]
+fn ticks_of_an_alignment_come_out_the_same() {
+    let mut recorded = Recorded::new();
+    recorded.run(800);
+    recorded.obey(Command::Align);
+    recorded.run(400);
+    recorded.until_kept(|s| s.signals = signals::BRIDGE_FAULT);
+    assert!(recorded.black_box.replay().unwrap() > BEFORE_TICKS + AFTER_TICKS);
+    let aligning = |entry: &Entry| entry.0[14] & u32::from(flags::ALIGNING) != 0;
+    assert!(recorded.black_box.entries().filter(aligning).count() > 300);
 }
 
 #[test]
