@@ -11,7 +11,7 @@
 
 use core::cell::Cell;
 
-use defmt::warn;
+use defmt::{info, warn};
 use embassy_time::Timer;
 use heapless::spsc::{Consumer, Producer, Queue};
 use servo_board::Control;
@@ -224,7 +224,7 @@ pub fn split(axis: Axis, firmware: [u16; 3]) -> (&'static mut InInterrupts, Comm
     let (copies_in, copies_out) = COPIES.take().split();
     let recorder = match BLACK_BOX.find() {
         Some(written) => {
-            warn!("black box: holds the last ticks of an earlier run");
+            info!("black box: holds the last ticks of an earlier run");
             Recorder::keeping(written)
         }
         None => {

@@ -227,6 +227,8 @@ fn one_wrong_bit_is_noticed_by_the_checksum_and_by_the_replay() {
     let tampered = entries[entries.len() - 200];
     let at = (0..WORDS).find(|at| (0..21).all(|i| ram.load(at + i) == tampered.0[i])).unwrap();
     ram.store(at + 17, ram.load(at + 17) ^ 1 << 3);
+    assert_eq!(recorded.black_box.replay(), Err(ReplayError::Damaged));
+    recorded.black_box.seal();
     let replayed = recorded.black_box.replay();
     let Err(ReplayError::Mismatch(Mismatch::Word { sequence, .. })) = replayed else { panic!("{replayed:?}") };
     assert_eq!(sequence, tampered.sequence());

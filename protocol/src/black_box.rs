@@ -183,11 +183,14 @@ impl<M: Memory> BlackBox<M> {
         })
     }
 
-    /// Runs the ticks after the oldest copy of the drive again; how many came out the same, to the last bit.
+    /// Runs the ticks of a sealed recording again, from the oldest copy of the drive on; how many came out the same, to the last bit.
     ///
     /// # Errors
     /// [`ReplayError`].
     pub fn replay(&self) -> Result<u32, ReplayError> {
+        if !self.is_intact() {
+            return Err(ReplayError::Damaged);
+        }
         let oldest = self.entries().next().ok_or(ReplayError::Empty)?.sequence();
         // A copy from before the oldest entry will do if it is from the tick before.
         let first = oldest.wrapping_sub(1);
@@ -297,6 +300,8 @@ pub struct TooLong;
 /// Why the ticks could not be run again, or did not come out the same.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ReplayError {
+    /// The checksum is wrong, or the recording goes on.
+    Damaged,
     /// There are no ticks.
     Empty,
     /// There is no copy of the drive to begin with, or it cannot be read: another version of the firmware wrote it.
@@ -308,6 +313,7 @@ pub enum ReplayError {
 impl core::fmt::Display for ReplayError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
+            ReplayError::Damaged => f.write_str("the black box is still recording, or what was read of it is damaged"),
             ReplayError::Empty => f.write_str("the black box is empty"),
             ReplayError::NoCopy => f.write_str("the black box has no copy of the drive that this version can read"),
             ReplayError::Mismatch(mismatch) => write!(f, "{mismatch}"),
@@ -316,3 +322,50 @@ impl core::fmt::Display for ReplayError {
 }
 
 impl core::error::Error for ReplayError {}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use super::*;
+    use proptest::prelude::*;
+    use std::vec::Vec;
+
+    fn memory(header: [u32; ENTRIES_AT], filling: u32) -> Vec<Cell<u32>> {
+        let mut words = std::vec![Cell::new(filling); WORDS];
+        words.iter().zip(header).for_each(|(cell, word)| cell.set(word));
+        // Something that may pass for items.
+        words[JOURNAL_AT..]
+            .iter()
+            .zip(0..)
+            .for_each(|(cell, i)| cell.set(if i % 7 == 0 { filling << 8 | 1 } else { i }));
+        words
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+
+        #[test]
+        fn whatever_memory_holds_is_found_to_be_a_recording_or_not_without_panic(
+            mut header: [u32; ENTRIES_AT],
+            written in 0..4 * ENTRIES,
+            journal_words in 0..3 * JOURNAL_WORDS as u32,
+            filling in prop_oneof![0..64u32, any::<u32>()],
+        ) {
+            header[0] = MAGIC;
+            (header[WRITTEN], header[END]) = (written, header[BEGIN].wrapping_add(journal_words));
+            let words = memory(header, filling);
+            let black_box = BlackBox(&words[..]);
+            let found = black_box.find();
+            prop_assert_eq!(found.is_some(), black_box.is_intact());
+            prop_assert!(black_box.replay().is_err());
+        }
+    }
+
+    #[test]
+    fn an_empty_box_is_not_found_and_knows_who_made_it() {
+        let words = memory([u32::MAX; ENTRIES_AT], u32::MAX);
+        let black_box = BlackBox(&words[..]);
+        black_box.clear([1, 23, 456]);
+        assert_eq!((black_box.find(), black_box.firmware(), black_box.entries().count()), (None, [1, 23, 456], 0));
+    }
+}
