@@ -331,7 +331,7 @@ mod tests {
     use std::vec::Vec;
 
     fn memory(header: [u32; ENTRIES_AT], filling: u32) -> Vec<Cell<u32>> {
-        let mut words = std::vec![Cell::new(filling); WORDS];
+        let words = std::vec![Cell::new(filling); WORDS];
         words.iter().zip(header).for_each(|(cell, word)| cell.set(word));
         // Something that may pass for items.
         words[JOURNAL_AT..]
