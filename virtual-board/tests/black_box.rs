@@ -23,7 +23,7 @@ fn moving() -> (VirtualBoard, Link) {
     let (mut board, mut link) = enabled();
     let stiffer = Request::SetParameters([(0x0302, 950.0)].into_iter().collect());
     for request in [Request::Compensator(Compensator::Niasa), five_mm(), stiffer] {
-        assert_eq!(link.request(&mut board, &request).unwrap(), Reply::Done, "{request:?}");
+        assert!(matches!(link.request(&mut board, &request).unwrap(), Reply::Done { .. }), "{request:?}");
         board.run_for(Duration::from_millis(30)).unwrap();
     }
     assert!(board.bridge_enabled().unwrap());
