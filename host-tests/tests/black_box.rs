@@ -126,7 +126,8 @@ impl Recorded {
 
 #[test]
 fn a_fault_keeps_512_ticks_before_and_64_after_it_that_come_out_the_same() {
-    let causes: [(Fault, fn(&mut ServoSample)); 3] = [
+    type Tamper = fn(&mut ServoSample);
+    let causes: [(Fault, Tamper); 3] = [
         (Fault::EncoderChecksum, |s| s.frame ^= 1 << 35),
         (Fault::BusUnderVoltage, |s| s.bus_code = 0),
         (Fault::BridgeFault, |s| s.signals = signals::BRIDGE_FAULT),
