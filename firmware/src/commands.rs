@@ -64,9 +64,10 @@ impl Frame {
         Ok(Frame { bytes, length })
     }
 
-    /// Sends it if there is room; answers wait, streams do not.
+    /// Sends a stream's block if there is room. The last places are for answers: they wait for one, and a stream that asks for more
+    /// than the line carries must not take it from them.
     pub fn try_send(self) -> bool {
-        OUT.try_send(self).is_ok()
+        OUT.free_capacity() > 2 && OUT.try_send(self).is_ok()
     }
 }
 
