@@ -76,7 +76,9 @@ impl Frame {
 pub async fn send(mut tx: LinkSender) {
     loop {
         let frame = OUT.receive().await;
+        // First what was before it: a writer whose bytes do not fit at once is never woken (embassy-stm32 0.6.0).
         // What could not be sent the host misses and asks for again.
+        let _ = tx.flush().await;
         let _ = tx.write_all(&frame.bytes[..frame.length]).await;
     }
 }

@@ -101,7 +101,6 @@ fn blocks_lost_on_the_line_are_counted_to_the_sample() {
 }
 
 #[test]
-#[ignore = "known defect: while a stream asks for more than the line carries, an answer does not come within 30 ms"]
 fn more_than_the_line_carries_is_dropped_by_blocks_and_the_control_loop_does_not_notice() {
     let (mut board, _) = enabled();
     let order = Order { words: Selection((1 << WORDS) - 1), every_ticks: 1 };
