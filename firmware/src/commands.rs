@@ -17,13 +17,14 @@ use servo_core::parameters::{Access, Parameter, Settings, TABLE};
 use servo_core::position::Position;
 use servo_core::record::flags;
 use servo_core::refusal::{Field, Refusal};
+use servo_protocol::black_box::{self, Memory};
 use servo_protocol::frame::{MAX_FRAME, TooLong, encode};
 use servo_protocol::message::{BLOCK_WORDS, Identity, PARAMETERS_PER_REPLY, Reply, Request, Status};
 use servo_protocol::server::{Incoming, Server};
 use servo_protocol::stream;
 
 use crate::clients;
-use crate::drive::{Answer, Commander, Latest};
+use crate::drive::{Answer, BLACK_BOX, Commander, Latest};
 use crate::storage::Storage;
 
 /// While the line is silent, the task checks in with the watchdog this often.
@@ -65,9 +66,10 @@ impl Frame {
         Ok(Frame { bytes, length })
     }
 
-    /// Sends it if there is room; answers wait, streams do not.
+    /// Sends a stream's block if there is room. The last places are for answers: they wait for one, and a stream that asks for more
+    /// than the line carries must not take it from them.
     pub fn try_send(self) -> bool {
-        OUT.try_send(self).is_ok()
+        OUT.free_capacity() > 2 && OUT.try_send(self).is_ok()
     }
 }
 
@@ -76,7 +78,9 @@ impl Frame {
 pub async fn send(mut tx: LinkSender) {
     loop {
         let frame = OUT.receive().await;
+        // First what was before it: a writer whose bytes do not fit at once is never woken (embassy-stm32 0.6.0).
         // What could not be sent the host misses and asks for again.
+        let _ = tx.flush().await;
         let _ = tx.write_all(&frame.bytes[..frame.length]).await;
     }
 }
@@ -132,6 +136,7 @@ impl Commands {
             Request::Status => return Reply::Status(self.status()),
             Request::Settling => return Reply::Settling(self.latest.snapshot.get().settling),
             Request::ReadCapture { first } => return Reply::Capture { first, words: self.captured(first) },
+            Request::ReadBlackBox { first } => return Reply::BlackBox { first, words: black_box_words(first) },
             Request::GetParameter(id) => match Parameter::by_id(id) {
                 Some(parameter) => return Reply::Parameter { id, value: parameter.get(&self.settings) },
                 None => Err(Refusal::UnknownParameter(id)),
@@ -169,11 +174,10 @@ impl Commands {
     }
 
     fn status(&self) -> Status {
-        let record = self.latest.record.get();
         let snapshot = self.latest.snapshot.get();
+        let record = snapshot.record;
         Status {
-            // The snapshot is the older of the two.
-            tick: snapshot.tick,
+            tick: record.sequence,
             state: record.state,
             fault: record.fault,
             moving: record.flags & flags::MOVING != 0,
@@ -281,4 +285,10 @@ impl Commands {
         self.settings = settings;
         Ok(tick)
     }
+}
+
+/// A block of the black box.
+fn black_box_words(first: u32) -> Vec<u32, BLOCK_WORDS> {
+    let end = (black_box::WORDS as u32).min(first.saturating_add(BLOCK_WORDS as u32));
+    (first..end).map(|index| BLACK_BOX.0.load(index as usize)).collect()
 }

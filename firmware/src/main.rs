@@ -56,7 +56,7 @@ async fn main(spawner: Spawner) {
         Ok(config) => config,
         Err(refusal) => return error!("not started: {}", refusal),
     };
-    let (in_interrupts, commander, reports) = drive::split(Axis::new(config));
+    let (in_interrupts, commander, reports) = drive::split(Axis::new(config), VERSION);
     static LATEST: StaticCell<Latest> = StaticCell::new();
     let latest: &'static Latest = LATEST.init(Latest::default());
 

@@ -1,6 +1,6 @@
 //! Telemetry: the record queue drained, decimated records and every change of state in the log, chosen words in a stream.
 
-use defmt::{error, info};
+use defmt::{error, info, warn};
 use embassy_time::{Duration, Ticker};
 use servo_board::watchdog::Client;
 use servo_core::record::TickRecord;
@@ -9,7 +9,7 @@ use servo_protocol::stream::Packer;
 
 use crate::clients;
 use crate::commands::Frame;
-use crate::drive::{Latest, Reports};
+use crate::drive::{BLACK_BOX, Latest, Reports};
 
 /// Time between two visits to the queue; it holds three times as much.
 const VISIT: Duration = Duration::from_millis(5);
@@ -40,6 +40,15 @@ pub async fn run(mut reports: Reports, latest: &'static Latest) {
         }
         if let Some(snapshot) = reports.snapshots.dequeue() {
             latest.snapshot.set(snapshot);
+        }
+        if let Some(drive) = reports.copies.dequeue()
+            && BLACK_BOX.copy(drive.counters().ticks, &drive).is_err()
+        {
+            warn!("black box: a copy of the drive does not fit");
+        }
+        if BLACK_BOX.is_to_be_sealed() {
+            BLACK_BOX.seal();
+            info!("black box: complete");
         }
         visits += 1;
         if visits == VISITS_PER_LINE {

@@ -15,6 +15,7 @@
 #![no_std]
 
 mod adc;
+pub mod black_box;
 pub mod capture;
 mod clocks;
 pub mod control;

@@ -64,7 +64,8 @@ endpoints! {
     18 Query ParameterStore -> ParameterStore, "What is stored, and how the last save went.";
     19 Command Restart -> Done, "Start the firmware anew.";
     20 Command Stream -> Done, "Stream words of every n-th tick's record: `Block`s with this request's number follow.";
-    21 Command Align -> Done, "Look for the motor's electrical zero; the bridge is off when it has ended.";
+    21 Query ReadBlackBox -> BlackBox, "A block of the black box.";
+    22 Command Align -> Done, "Look for the motor's electrical zero; the bridge is off when it has ended.";
 }
 
 /// The name of a reply, as the table has it.
@@ -80,6 +81,7 @@ pub fn name(reply: &Reply) -> &'static str {
         Reply::Parameters(_) => "Parameters",
         Reply::ParameterStore(_) => "ParameterStore",
         Reply::Block(_) => "Block",
+        Reply::BlackBox { .. } => "BlackBox",
     }
 }
 

@@ -5,6 +5,7 @@
 //! sends again with the same number, and the drive carries out a command once however often it arrives ([`server`]).
 #![no_std]
 
+pub mod black_box;
 pub mod endpoint;
 pub mod frame;
 pub mod message;

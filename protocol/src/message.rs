@@ -88,6 +88,12 @@ pub enum Request {
     Restart,
     /// Begin a stream in place of the one under way: [`Reply::Block`]s with the number of this request, behind its answer.
     Stream(stream::Order),
+    /// Read words of the black box from this index on: [`Reply::BlackBox`]. They stay what they are while it is sealed and the bridge
+    /// is off (see [`crate::black_box`]).
+    ReadBlackBox {
+        /// Index of the first word.
+        first: u32,
+    },
     /// Look for the motor's electrical zero; the bridge is off when it has ended. What is found becomes a parameter, what fails a fault.
     Align,
 }
@@ -128,6 +134,13 @@ pub enum Reply {
     ParameterStore(ParameterStore),
     /// Some samples of a stream.
     Block(Block),
+    /// To [`Request::ReadBlackBox`]: a block, shorter at the end of the [`crate::black_box::WORDS`] words, then empty.
+    BlackBox {
+        /// Index of the first word.
+        first: u32,
+        /// The words.
+        words: Vec<u32, BLOCK_WORDS>,
+    },
 }
 
 /// Who the drive is. Frozen: every protocol has this message in this form.
