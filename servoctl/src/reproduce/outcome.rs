@@ -274,21 +274,21 @@ impl Run {
             self.configs[0].settling.name,
             self.conditions().caption(self.settling.moves)
         );
-        let mut header = vec!["configuration".to_owned()];
+        let mut header = vec!["configuration".to_owned(), "unsettled".to_owned()];
         header.extend(self.settling.tolerances_nm.iter().map(|nm| format!("±{nm} nm")));
-        header.push("unsettled".to_owned());
         let header: Vec<&str> = header.iter().map(String::as_str).collect();
         self.configs.iter().enumerate().fold(Table::new(caption, &header), |table, (index, config)| {
             let cell = |t: usize| {
                 let Some(mean_ms) = config.typical_ms(t) else { return MISSING.to_owned() };
                 let reduction = config.reduction_percent[t].filter(|_| index > 0);
-                number(mean_ms, 1) + &reduction.map_or(String::new(), |r| format!(" ({} %)", number(r, 0)))
+                let mean = number(mean_ms, if mean_ms < 100.0 { 1 } else { 0 });
+                mean + &reduction.map_or(String::new(), |r| format!(" ({} %)", number(r, 0)))
             };
             let cells = (0..self.settling.tolerances_nm.len()).map(cell);
             let mut unsettled: Vec<String> = config.settling.unsettled.iter().map(usize::to_string).collect();
             unsettled.dedup();
             let name = std::iter::once(config.settling.name.clone());
-            table.row(name.chain(cells).chain([unsettled.join(" / ")]))
+            table.row(name.chain([unsettled.join(" / ")]).chain(cells))
         })
     }
 }

@@ -93,7 +93,9 @@ fn scale_checks(found: Option<&Finding>) -> [Check; 2] {
 /// Why the length scale is another one than in the thesis: where a stage that creeps begins to, and with how much friction it would not.
 fn why_longer(step: &Step100Um) -> String {
     let Some(found) = step.finding.as_ref().filter(|f| f.creeps) else { return String::new() };
-    let swings = step.by_friction.iter().find(|less| less.extreme_nm.len() > step.stage.extreme_nm.len() + 1);
+    let next = step.stage.extreme_nm.len();
+    let half_nm = 0.5 * step.linear.extreme_nm.get(next).map_or(f64::INFINITY, |nm| nm.abs());
+    let swings = step.by_friction.iter().find(|less| less.extreme_nm.get(next).is_some_and(|nm| nm.abs() > half_nm));
     let less = swings.map_or(String::new(), |less| {
         let extremes: Vec<String> = less.extreme_nm.iter().map(|nm| number(*nm, 0)).collect();
         format!(
@@ -109,7 +111,7 @@ fn why_longer(step: &Step100Um) -> String {
          after {} nm, which would go {} nm beyond the target without friction, ends before it, and the integrator creeps from there{less}",
         number(step.stuck_within_nm, 0),
         number(found.length_scale_nm, 0),
-        step.linear.extreme_nm.get(step.stage.extreme_nm.len()).map_or(MISSING.to_owned(), |nm| number(nm.abs(), 0)),
+        step.linear.extreme_nm.get(next).map_or(MISSING.to_owned(), |nm| number(nm.abs(), 0)),
     )
 }
 

@@ -49,7 +49,18 @@ pub fn section(stage: &Stage) -> Section {
         let off = 100.0 * (made.peak_m_per_s / thesis_m_per_s - 1.0);
         let limits = (-ROUNDED_PERCENT, ROUNDED_PERCENT);
         checks.push(Check::within(&format!("{name}, peak speed against the thesis'"), Some(off), limits, 1, "%"));
-        let mm_per_s = |m_per_s: f64| number(m_per_s * 1e3, if m_per_s < 1e-4 { 5 } else { 3 });
+        let mm_per_s = |m_per_s: f64| {
+            number(
+                m_per_s * 1e3,
+                if m_per_s < 1e-4 {
+                    5
+                } else if m_per_s < 0.01 {
+                    3
+                } else {
+                    1
+                },
+            )
+        };
         table = table.row([
             (*name).to_owned(),
             number(*thesis_ms, 0),
