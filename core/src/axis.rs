@@ -7,6 +7,7 @@ use crate::capture::{self, Capture};
 use crate::config::Config;
 use crate::current::{Bridge, CurrentLoop, Demand, PhaseCodes};
 use crate::drive::{Command, Drive, Inputs, Outcome};
+use crate::monitor::signals;
 use crate::record::TickRecord;
 
 /// Raw values of a servo period.
@@ -20,10 +21,27 @@ pub struct ServoSample {
     pub bus_code: u16,
     /// ADC code of the bridge temperature.
     pub temperature_code: u16,
-    /// The break input has turned the bridge off.
-    pub bridge_fault: bool,
+    /// What the board tells beside: bits of [`signals`], without those of the current loop.
+    pub signals: u32,
     /// CPU cycles from PWM update to new compare values in the previous servo period.
     pub last_tick_cycles: u32,
+}
+
+impl Inputs {
+    /// What the drive is told of a servo period.
+    #[inline]
+    pub fn new(sample: &ServoSample, current: &CurrentLoop) -> Inputs {
+        let tripped = if current.is_tripped() { signals::OVER_CURRENT } else { 0 };
+        let limited = if current.is_saturated() { signals::VOLTAGE_LIMITED } else { 0 };
+        Inputs {
+            frame: sample.frame,
+            iq_a: current.iq_a(),
+            bus_code: sample.bus_code,
+            temperature_code: sample.temperature_code,
+            signals: sample.signals | tripped | limited,
+            last_tick_cycles: sample.last_tick_cycles,
+        }
+    }
 }
 
 /// Results of a servo period.
@@ -61,11 +79,6 @@ impl Axis {
         }
     }
 
-    /// An axis with [`Drive::uncommissioned`] parameters.
-    pub fn uncommissioned(config: Config) -> Self {
-        Axis { drive: Drive::uncommissioned(config), ..Self::new(config) }
-    }
-
     /// The drive, to look at.
     pub fn drive(&self) -> &Drive {
         &self.drive
@@ -92,17 +105,10 @@ impl Axis {
     /// period's position is on the motor one PWM period after it was sampled.
     #[inline]
     pub fn on_servo(&mut self, sample: &ServoSample, command: Option<&Command>) -> ServoOutput {
-        if matches!(command, Some(Command::ResetFault)) {
+        if command.is_some_and(|command| self.drive.is_reset(command)) {
             self.current.clear_trip();
         }
-        let inputs = Inputs {
-            frame: sample.frame,
-            iq_a: self.current.iq_a(),
-            over_current: self.current.is_tripped(),
-            bus_code: sample.bus_code,
-            bridge_fault: sample.bridge_fault,
-            last_tick_cycles: sample.last_tick_cycles,
-        };
+        let inputs = Inputs::new(sample, &self.current);
         let output = self.drive.tick(&inputs, command);
         self.demand = output.demand;
         self.periods = 0;

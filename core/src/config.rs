@@ -9,7 +9,7 @@ use crate::parameters::Settings;
 use crate::position::Position;
 use crate::refusal::Refusal;
 use crate::settling::{TOLERANCES, TOLERANCES_NM};
-use crate::{PWM_HZ, SERVO_DT_S, current};
+use crate::{PWM_HZ, SERVO_DT_S, current, monitor};
 
 /// Everything the tick multiplies with: plain data, swapped as a whole.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -40,8 +40,14 @@ pub struct Config {
     pub cascade: cascade::Coefficients,
     /// kg.
     pub feedforward_mass_kg: f32,
-    /// Counts.
-    pub following_error_max_ct: i32,
+    /// What is watched.
+    pub monitor: monitor::Coefficients,
+    /// Target reached: largest position error, counts.
+    pub window_ct: i32,
+    /// Target reached: ticks inside the window.
+    pub window_ticks: u32,
+    /// What quick stop, halt, disable and faults do.
+    pub options: Options,
     /// Lowest target.
     pub travel_min: Position,
     /// Highest target.
@@ -54,8 +60,36 @@ pub struct Config {
     pub compensator: compensator::Coefficients,
     /// Settling tolerances, counts.
     pub tolerances_ct: [i32; TOLERANCES],
-    /// CPU cycles.
-    pub tick_limit_cycles: u32,
+}
+
+/// Option codes of CiA 402 (objects 605A to 605E) and the ramps they choose from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Options {
+    /// Ramp of quick stop; `None`: bridge off at once.
+    pub quick_stop_m_per_s2: Option<f32>,
+    /// After quick stop the stage is held in Quick stop active.
+    pub stays_stopped: bool,
+    /// Ramp of halt.
+    pub halt_m_per_s2: f32,
+    /// Ramp before disable operation and shutdown; `None`: bridge off at once.
+    pub disable_m_per_s2: Option<f32>,
+    /// Ramp of faults that may brake first; `None`: bridge off at once.
+    pub fault_m_per_s2: Option<f32>,
+}
+
+impl Options {
+    fn new(s: &Settings) -> Self {
+        let (slow, quick) = (s.acceleration_max_m_per_s2 as f32, s.quick_stop_m_per_s2 as f32);
+        let ramps = [None, Some(slow), Some(quick), None, None, Some(slow), Some(quick)];
+        Options {
+            quick_stop_m_per_s2: choice(&ramps, s.quick_stop_option),
+            stays_stopped: libm::round(s.quick_stop_option) >= 5.0,
+            halt_m_per_s2: choice(&[slow, slow, quick], s.halt_option),
+            disable_m_per_s2: choice(&ramps[..2], s.disable_option),
+            fault_m_per_s2: choice(&ramps[..3], s.fault_reaction_option),
+        }
+    }
 }
 
 impl Config {
@@ -96,15 +130,65 @@ impl Config {
             bus_max_v: s.bus_max_v as f32,
             cascade: cascade::Coefficients::new(gains, count_m),
             feedforward_mass_kg: s.feedforward_mass_kg as f32,
-            following_error_max_ct: to_ct(s.following_error_max_m).min(f64::from(i32::MAX)) as i32,
+            monitor: monitor(s),
+            window_ct: to_ct(s.position_window_m).min(f64::from(i32::MAX)) as i32,
+            window_ticks: libm::ceil(s.position_window_s / f64::from(SERVO_DT_S)) as u32,
+            options: Options::new(s),
             travel_min: nearest(s.travel_min_m),
             travel_max: nearest(s.travel_max_m),
             velocity_max_m_per_s: s.velocity_max_m_per_s as f32,
             acceleration_max_m_per_s2: s.acceleration_max_m_per_s2 as f32,
             compensator: compensator(s),
             tolerances_ct: TOLERANCES_NM.map(|nm| to_ct(f64::from(nm) * 1e-9) as i32),
-            tick_limit_cycles: s.tick_limit_cycles as u32,
         })
+    }
+}
+
+impl Config {
+    /// Takes over what may change with the bridge on; all else is the same in both. A third less to copy in the tick than everything.
+    pub fn adopt(&mut self, new: &Config) {
+        self.cascade = new.cascade;
+        self.feedforward_mass_kg = new.feedforward_mass_kg;
+        self.monitor = new.monitor;
+        self.window_ct = new.window_ct;
+        self.window_ticks = new.window_ticks;
+        self.options = new.options;
+        self.velocity_max_m_per_s = new.velocity_max_m_per_s;
+        self.acceleration_max_m_per_s2 = new.acceleration_max_m_per_s2;
+        self.compensator = new.compensator;
+    }
+}
+
+/// Thresholds of the monitors.
+fn monitor(s: &Settings) -> monitor::Coefficients {
+    let window_s = f64::from(monitor::WINDOW_S);
+    let to_ct = |m: f64| (m / s.encoder_count_m).min(f64::from(i32::MAX));
+    // The code whose value is the limit or next to it on the safe side.
+    let highest = |share: f64| libm::floor(share * 65536.0).clamp(0.0, 65535.0) as u16;
+    let lowest = |share: f64| libm::ceil(share * 65536.0).clamp(0.0, 65535.0) as u16;
+    let celsius = s.temperature_full_scale_c - s.temperature_zero_c;
+    let end = |m: f64, margin_m: f64| Position(libm::round((m + margin_m) / s.encoder_count_m) as i64);
+    monitor::Coefficients {
+        bus_min_code: lowest(s.bus_min_v / s.bus_full_scale_v),
+        bus_max_code: highest(s.bus_max_v / s.bus_full_scale_v),
+        temperature_max_code: highest((s.temperature_max_c - s.temperature_zero_c) / celsius),
+        frozen_ticks: if s.encoder_frozen_ticks < 1.0 { u16::MAX } else { s.encoder_frozen_ticks as u16 },
+        following_error_max_ct: to_ct(s.following_error_max_m) as i32,
+        overspeed_ct: to_ct(s.overspeed_m_per_s * window_s) as i32,
+        jump_ct: to_ct(s.encoder_jump_m) as i32,
+        tick_limit_cycles: s.tick_limit_cycles as u32,
+        runaway_ct: to_ct(s.runaway_m_per_s * window_s) as u32,
+        opposed_a: (2.0 * s.commutation_check_n / s.force_constant_n_per_a) as f32,
+        // Far above noise, far below what so much force does in a window.
+        opposed_ct: (to_ct(s.encoder_jump_m) / 50.0) as i32 + 1,
+        overload_a2: (s.continuous_current_a * s.continuous_current_a) as f32,
+        overload_share: (window_s / s.thermal_time_constant_s) as f32,
+        position_min: end(s.travel_min_m, -s.travel_margin_m),
+        position_max: end(s.travel_max_m, s.travel_margin_m),
+        silent_windows: match libm::round(s.command_timeout_s / window_s) as u32 {
+            0 => u32::MAX,
+            windows => windows,
+        },
     }
 }
 

@@ -90,11 +90,20 @@ pub struct CurrentLoop {
     id_a: f32,
     peak_a: f32,
     tripped: bool,
+    saturated: bool,
 }
 
 impl Default for CurrentLoop {
     fn default() -> Self {
-        CurrentLoop { d_integral_v: 0.0, q_integral_v: 0.0, iq_a: 0.0, id_a: 0.0, peak_a: 0.0, tripped: false }
+        CurrentLoop {
+            d_integral_v: 0.0,
+            q_integral_v: 0.0,
+            iq_a: 0.0,
+            id_a: 0.0,
+            peak_a: 0.0,
+            tripped: false,
+            saturated: false,
+        }
     }
 }
 
@@ -115,6 +124,12 @@ impl CurrentLoop {
     #[inline]
     pub fn is_tripped(&self) -> bool {
         self.tripped
+    }
+
+    /// In the last period the bus did not give the voltage asked for.
+    #[inline]
+    pub fn is_saturated(&self) -> bool {
+        self.saturated
     }
 
     /// Forgets a trip.
@@ -142,6 +157,7 @@ impl CurrentLoop {
         if !demand.enabled || self.tripped {
             self.d_integral_v = 0.0;
             self.q_integral_v = 0.0;
+            self.saturated = false;
             return Bridge::OFF;
         }
 
@@ -155,6 +171,7 @@ impl CurrentLoop {
         let mut centre = (high + low) * 0.5;
         let span = (high - low) * demand.per_bus_v;
         let saturated = span > 1.0 - 2.0 * DUTY_MARGIN;
+        self.saturated = saturated;
         if saturated {
             let scale = (1.0 - 2.0 * DUTY_MARGIN) / span;
             (a, b, c, centre) = (a * scale, b * scale, c * scale, centre * scale);

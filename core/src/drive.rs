@@ -1,18 +1,24 @@
 //! The servo tick: everything the drive decides, 8,000 times a second.
 
-use crate::PERIODS_PER_TICK;
+mod obey;
+
 use crate::cascade;
 use crate::compensator::{Compensator, Memory, Situation};
 use crate::config::Config;
 use crate::current::Demand;
-use crate::encoder::tracker::{Tracker, Update};
-use crate::fault::Fault;
+use crate::encoder::tracker::{FROZEN_AFTER, Tracker, Update};
+use crate::fault::{Fault, Reaction};
+use crate::monitor::Monitor;
 use crate::position::{Position, saturate};
 use crate::profile::{Limits, Profile, Setpoint};
 use crate::record::{TickRecord, flags};
-use crate::refusal::{Field, Refusal};
-use crate::settling::{Monitor, Settling};
-use crate::state::{self, State};
+use crate::refusal::Refusal;
+use crate::settling::{self, Settling};
+use crate::state::{self, ControlWord, Request, State, status};
+use crate::{PERIODS_PER_TICK, SERVO_HZ};
+
+/// Ticks after the end of a ramp that the stage is given to come to rest: 20 ms, two periods of a 100 Hz loop.
+const REST_TICKS: u32 = SERVO_HZ / 50;
 
 /// What the tick knows of the world.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -21,12 +27,12 @@ pub struct Inputs {
     pub frame: u64,
     /// Measured force-making current, A.
     pub iq_a: f32,
-    /// The current loop has tripped.
-    pub over_current: bool,
     /// ADC code of the bus voltage.
     pub bus_code: u16,
-    /// The power stage's fault output has turned the bridge off.
-    pub bridge_fault: bool,
+    /// ADC code of the power stage's temperature.
+    pub temperature_code: u16,
+    /// What board and current loop tell beside: bits of [`crate::monitor::signals`].
+    pub signals: u32,
     /// Duration of the previous tick, CPU cycles.
     pub last_tick_cycles: u32,
 }
@@ -35,12 +41,16 @@ pub struct Inputs {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[expect(clippy::large_enum_variant, reason = "there is no allocator to box with, and a command is rare")]
 pub enum Command {
-    /// Close the loops at the present position.
+    /// Close the loops at the present position, one state per tick up to Operation enabled.
     Enable,
-    /// Bridge off.
+    /// Bridge off at once.
     Disable,
     /// Acknowledge a fault.
     ResetFault,
+    /// A controlword of CiA 402, for masters that walk through the states themselves.
+    Control(ControlWord),
+    /// Nothing but a sign that the host is there.
+    KeepAlive,
     /// Move to a position.
     Move {
         /// Where to.
@@ -62,10 +72,7 @@ pub enum Command {
     /// The flash is going to be written: refused with torque on, and from then on torque is refused.
     BeginSave,
     /// The flash has been written, or could not be.
-    EndSave {
-        /// Valid parameters are stored.
-        stored: bool,
-    },
+    EndSave,
 }
 
 /// The answer to a command.
@@ -103,7 +110,15 @@ pub struct Drive {
     config: Config,
     state: State,
     fault: Option<Fault>,
-    enable: bool,
+    /// Loops closed: the bridge is on.
+    torque: bool,
+    request: Request,
+    /// Operation enabled, and nothing else is asked for.
+    steady: bool,
+    /// [`Command::Enable`] is on its way up.
+    climbing: bool,
+    control_word: ControlWord,
+    monitor: Monitor,
     tracker: Tracker,
     electrical_ct: i32,
     electrical_at: Position,
@@ -121,11 +136,9 @@ pub struct Drive {
     static_n: f32,
     /// The next tick keeps `static_n`, whatever has been changed.
     absorb: bool,
-    settling: Monitor,
+    settling: settling::Monitor,
     bus_v: f32,
     counters: Counters,
-    /// Nobody has ever stored the parameters in use: no torque on them.
-    uncommissioned: bool,
     /// The flash is being written: no torque meanwhile.
     saving: bool,
 }
@@ -138,7 +151,12 @@ impl Drive {
             config,
             state: State::default(),
             fault: None,
-            enable: false,
+            torque: false,
+            request: Request::default(),
+            steady: false,
+            climbing: false,
+            control_word: ControlWord::default(),
+            monitor: Monitor::default(),
             tracker: Tracker::default(),
             electrical_ct: 0,
             electrical_at: config.commutation_zero,
@@ -152,17 +170,11 @@ impl Drive {
             nonlinear_n: 0.0,
             static_n: 0.0,
             absorb: false,
-            settling: Monitor::default(),
+            settling: settling::Monitor::default(),
             bus_v: 0.0,
             counters: Counters::default(),
-            uncommissioned: false,
             saving: false,
         }
-    }
-
-    /// A drive whose parameters are defaults that nobody has stored: in a fault until [`Command::EndSave`] says that somebody has.
-    pub fn uncommissioned(config: Config) -> Self {
-        Drive { uncommissioned: true, ..Self::new(config) }
     }
 
     /// Coefficients in use.
@@ -187,7 +199,35 @@ impl Drive {
 
     /// Counts since start.
     pub fn counters(&self) -> Counters {
-        self.counters
+        Counters { bad_frames: self.tracker.bad_frames(), ..self.counters }
+    }
+
+    /// Mean square of the current as the thermal model has it, A².
+    pub fn heat_a2(&self) -> f32 {
+        self.monitor.heat_a2()
+    }
+
+    /// The statusword (object 6041) after a tick; `record` is what the tick gave.
+    pub fn status_word(&self, record: &TickRecord) -> u16 {
+        let limits = flags::LIMITS.iter().fold(0, |bits, (bit, ..)| bits | bit);
+        let bits = [
+            (status::VOLTAGE_ENABLED, self.bus_is_good()),
+            (status::WARNING, record.flags & flags::ENCODER_WARNING != 0),
+            (status::REMOTE, true),
+            (status::TARGET_REACHED, self.target_reached()),
+            (status::INTERNAL_LIMIT, record.flags & limits != 0),
+            (status::FOLLOWING_ERROR, self.fault == Some(Fault::FollowingError)),
+        ];
+        bits.iter().fold(self.state.status_bits(), |word, (bit, set)| word | if *set { *bit } else { 0 })
+    }
+
+    /// The set-point rests and the error has been inside the position window for the window time.
+    pub fn target_reached(&self) -> bool {
+        self.torque && !self.was_moving && self.settling.inside_ticks() >= self.config.window_ticks.max(1)
+    }
+
+    fn bus_is_good(&self) -> bool {
+        (self.config.bus_min_v..=self.config.bus_max_v).contains(&self.bus_v)
     }
 
     /// One servo tick: position → command → reference → error → monitors → state → force → current set-point.
@@ -199,10 +239,16 @@ impl Drive {
         self.bus_v = f32::from(inputs.bus_code) * self.config.bus_v_per_code;
         self.count(inputs);
 
-        let reset = matches!(command, Some(Command::ResetFault));
-        let outcome = command.map(|command| self.obey(command));
+        let mut reset = false;
+        let mut outcome = None;
+        if let Some(command) = command {
+            reset = self.is_reset(command);
+            self.monitor.hear();
+            outcome = Some(self.obey(command));
+            self.steady &= self.request == Request::EnableOperation;
+        }
 
-        if self.state.has_torque() {
+        if self.torque {
             self.reference = self.profile.advance();
             if update != Update::Measured {
                 // Hold the error: the force then stays what it was, at rest and in motion.
@@ -212,19 +258,10 @@ impl Drive {
         let position = self.tracker.position();
         let step_ct = self.follow_electrical_angle(position);
         let error_ct = self.reference.position.minus(position);
-        let fault = self.look_for_faults(inputs, update, error_ct);
-        if self.fault.is_none() || reset {
-            self.fault = fault;
+        let had_torque = self.torque;
+        if self.has_to_act(inputs, update, position, step_ct, error_ct) {
+            outcome = self.act(inputs, update, error_ct, reset, outcome);
         }
-        let outcome = match fault {
-            Some(fault) if reset => Some(Err(Refusal::FaultPersists(fault))),
-            _ => outcome,
-        };
-        if fault.is_some() {
-            self.enable = false;
-        }
-        let before = self.state;
-        self.state = state::next(before, state::Inputs { enable: self.enable, fault: fault.is_some(), reset });
 
         let mut record = TickRecord {
             sequence: self.counters.ticks,
@@ -235,16 +272,19 @@ impl Drive {
             fault: self.fault,
             tick_cycles: inputs.last_tick_cycles.min(u32::from(u16::MAX)) as u16,
             flags: if update == Update::Measured { 0 } else { flags::FRAME_BAD }
-                | if self.tracker.warning() { flags::ENCODER_WARNING } else { 0 },
+                | if self.tracker.warning() { flags::ENCODER_WARNING } else { 0 }
+                // Voltage limited: the same order of bits, so that they are moved as one.
+                | (inputs.signals >> 16) as u16 & flags::VOLTAGE_LIMITED,
             ..TickRecord::default()
         };
-        if !self.state.has_torque() {
+        if !self.torque {
             return Output { demand: Demand::OFF, record, outcome };
         }
-        if !before.has_torque() {
+        self.error_ct = error_ct;
+        if !had_torque {
             self.close_loops(position);
+            self.error_ct = 0;
         }
-        self.error_ct = self.reference.position.minus(position);
         record.error_ct = self.error_ct;
         self.control(&mut record, step_ct);
         let demand = Demand {
@@ -257,11 +297,100 @@ impl Drive {
         Output { demand, record, outcome }
     }
 
+    /// Whether this tick is anything but one more of Operation enabled with all well. Only then [`Drive::act`] finds out what.
+    #[inline]
+    fn has_to_act(&mut self, inputs: &Inputs, update: Update, position: Position, step_ct: i32, error_ct: i32) -> bool {
+        self.monitor.follow(step_ct);
+        if !self.torque {
+            return true;
+        }
+        let k = &self.config.monitor;
+        let slow = self.monitor.watch(k, self.counters.ticks, inputs, position, error_ct);
+        slow || !self.steady
+            || update != Update::Measured
+            || self.tracker.same_readings() >= FROZEN_AFTER
+            || self.monitor.is_alarmed(k, inputs, error_ct)
+    }
+
+    /// Finds the fault, if there is one; then the state after this tick, whether the loops are closed, what is kept of a fault, and the
+    /// answer to a reset.
+    #[cold]
+    #[inline(never)]
+    fn act(
+        &mut self,
+        inputs: &Inputs,
+        update: Update,
+        error_ct: i32,
+        reset: bool,
+        outcome: Option<Outcome>,
+    ) -> Option<Outcome> {
+        let k = &self.config.monitor;
+        let fault = if self.torque {
+            self.monitor.diagnose(k, self.counters.ticks, inputs, update, &self.tracker, error_ct)
+        } else {
+            self.monitor.check_off(k, inputs)
+        };
+        if self.fault.is_none() || reset {
+            self.fault = fault;
+        }
+        let ramp = self.config.options.fault_m_per_s2;
+        let mut braking = self.torque && self.state == State::FaultReactionActive;
+        if let Some(fault) = fault {
+            match ramp {
+                Some(ramp_m_per_s2) if self.torque && fault.reaction() == Reaction::MayBrake => {
+                    if !braking {
+                        self.brake(ramp_m_per_s2);
+                        braking = true;
+                    }
+                }
+                _ => braking = false,
+            }
+            self.drop_request();
+        }
+        let ready = self.tracker.is_valid() && self.bus_is_good();
+        if self.climbing {
+            self.request = Request::towards_enabled(self.state);
+        }
+        if self.request == Request::EnableOperation && !self.torque && !ready {
+            // Asked for, but not possible now: to be asked for again, or the bridge would go on at some later time.
+            self.request = Request::SwitchOn;
+            self.climbing = false;
+        }
+        let released = match self.state {
+            State::FaultReactionActive => !braking || self.is_at_rest(),
+            State::OperationEnabled => self.config.options.disable_m_per_s2.is_none() || self.is_at_rest(),
+            State::QuickStopActive => self.config.options.quick_stop_m_per_s2.is_none() || self.is_at_rest(),
+            _ => true,
+        };
+        let stays_stopped = self.config.options.stays_stopped;
+        let request = self.request;
+        let inputs = state::Inputs { request, fault: fault.is_some(), reset, ready, released, stays_stopped };
+        self.state = state::next(self.state, inputs);
+        self.climbing &= self.state != State::OperationEnabled;
+        self.torque = self.state.has_torque() || (self.state == State::FaultReactionActive && braking);
+        self.steady = self.state == State::OperationEnabled && self.request == Request::EnableOperation;
+        if self.state == State::SwitchOnDisabled && !self.climbing {
+            // A request that led here is spent: only a new one leads on.
+            self.request = Request::DisableVoltage;
+        }
+        match fault {
+            Some(fault) if reset => Some(Err(Refusal::FaultPersists(fault))),
+            _ => outcome,
+        }
+    }
+
+    /// The set-point has been at rest for so long that the stage is as well.
+    fn is_at_rest(&self) -> bool {
+        self.profile.is_done() && self.settling.settling().ticks >= REST_TICKS
+    }
+
     /// Set-point at the measured position, no force, no memory: nothing jumps.
     fn close_loops(&mut self, position: Position) {
         self.profile = Profile::at_rest(position);
         self.reference = self.profile.advance();
         self.was_moving = false;
+        self.settling.restart(true);
+        self.monitor.restart(position);
         self.cascade.reset(0);
         self.nonlinear_n = 0.0;
         self.force_n = 0.0;
@@ -314,7 +443,7 @@ impl Drive {
                 self.settling.restart(self.profile.target() >= record.position);
             }
         } else {
-            self.settling.update(record.error_ct, &k.tolerances_ct);
+            self.settling.update(record.error_ct, &k.tolerances_ct, k.window_ct);
         }
         self.was_moving = moving;
 
@@ -363,148 +492,8 @@ impl Drive {
         let c = &mut self.counters;
         c.ticks = c.ticks.wrapping_add(1);
         c.longest_tick_cycles = c.longest_tick_cycles.max(inputs.last_tick_cycles);
-        c.overruns = c.overruns.saturating_add(u32::from(inputs.last_tick_cycles > self.config.tick_limit_cycles));
-        c.bad_frames = self.tracker.bad_frames();
-    }
-
-    /// The first thing that is wrong in this tick.
-    #[inline]
-    fn look_for_faults(&self, inputs: &Inputs, update: Update, error_ct: i32) -> Option<Fault> {
-        let k = &self.config;
-        let torque = self.state.has_torque();
-        if inputs.over_current {
-            Some(Fault::OverCurrent)
-        } else if inputs.bridge_fault {
-            Some(Fault::BridgeFault)
-        } else if self.bus_v > k.bus_max_v {
-            Some(Fault::BusOverVoltage)
-        } else if !torque {
-            self.uncommissioned.then_some(Fault::ParametersInvalid)
-        } else if self.bus_v < k.bus_min_v {
-            Some(Fault::BusUnderVoltage)
-        } else if matches!(update, Update::Lost(_)) {
-            Some(Fault::EncoderLost)
-        } else if error_ct.unsigned_abs() > k.following_error_max_ct.unsigned_abs() {
-            Some(Fault::FollowingError)
-        } else if inputs.last_tick_cycles > k.tick_limit_cycles {
-            Some(Fault::TickOverrun)
-        } else {
-            None
+        if inputs.last_tick_cycles > self.config.monitor.tick_limit_cycles {
+            c.overruns = c.overruns.saturating_add(1);
         }
-    }
-
-    fn obey(&mut self, command: &Command) -> Outcome {
-        match *command {
-            Command::Enable => self.enable(),
-            Command::Disable => {
-                self.enable = false;
-                Ok(())
-            }
-            Command::ResetFault => Ok(()),
-            Command::Move { target, limits } => self.start_move(target, limits),
-            Command::Stop => {
-                if self.state.has_torque() && !self.profile.is_done() {
-                    let from = self.reference;
-                    let deceleration = self.config.acceleration_max_m_per_s2;
-                    self.profile =
-                        Profile::stopping(from.position, from.velocity_m_per_s, deceleration, self.config.count_m);
-                }
-                Ok(())
-            }
-            Command::Compensator(compensator) => {
-                self.choose(compensator);
-                Ok(())
-            }
-            Command::Configure { ref config, needs_bridge_off } => self.configure(config, needs_bridge_off),
-            Command::BeginSave => {
-                if self.enable || self.state.has_torque() {
-                    return Err(Refusal::WrongState(self.state));
-                }
-                self.saving = true;
-                Ok(())
-            }
-            Command::EndSave { stored } => {
-                (self.saving, self.uncommissioned) = (false, !stored);
-                Ok(())
-            }
-        }
-    }
-
-    fn enable(&mut self) -> Outcome {
-        if matches!(self.state, State::Fault | State::FaultReactionActive) {
-            return Err(Refusal::WrongState(self.state));
-        }
-        if self.saving {
-            return Err(Refusal::Saving);
-        }
-        if !self.tracker.is_valid() {
-            return Err(Refusal::NoPosition);
-        }
-        let (min, max) = (f64::from(self.config.bus_min_v), f64::from(self.config.bus_max_v));
-        Refusal::check(Field::BusVoltage, f64::from(self.bus_v), min, max)?;
-        self.enable = true;
-        Ok(())
-    }
-
-    fn start_move(&mut self, target: Position, limits: Limits) -> Outcome {
-        if !self.state.has_torque() {
-            return Err(Refusal::WrongState(self.state));
-        }
-        if !self.profile.is_done() {
-            return Err(Refusal::Moving);
-        }
-        let k = &self.config;
-        if target < k.travel_min || target > k.travel_max {
-            // Metres for a person: to the picometre, so that a limit is shown as it was set.
-            let in_m = |position: Position| libm::round(position.0 as f64 * k.count_m * 1e12) / 1e12;
-            let (value, min, max) = (in_m(target), in_m(k.travel_min), in_m(k.travel_max));
-            return Err(Refusal::OutOfRange { field: Field::Target, value, min, max });
-        }
-        // The lowest: what makes the longest distance take a day, in ticks that fit their counter.
-        Refusal::check(Field::Velocity, f64::from(limits.velocity_m_per_s), 1e-6, f64::from(k.velocity_max_m_per_s))?;
-        let acceleration = f64::from(limits.acceleration_m_per_s2);
-        Refusal::check(Field::Acceleration, acceleration, 1e-9, f64::from(k.acceleration_max_m_per_s2))?;
-        if let Some(jerk) = limits.jerk_m_per_s3 {
-            Refusal::check(Field::Jerk, f64::from(jerk), 1e-6, 1e9)?;
-        }
-        self.profile = Profile::between(self.reference.position, target, limits, k.count_m);
-        // What the last move's settling took becomes the linear integrator's, or the two would drift apart move by move.
-        self.merge_integrals();
-        Ok(())
-    }
-
-    /// The next tick's force is this one's: what the old compensator gave and the new one does not give is the linear integrator's.
-    fn choose(&mut self, kind: Compensator) {
-        self.config.compensator.kind = kind;
-        self.merge_integrals();
-        (self.compensator, self.cascade.integral_n) =
-            Memory::start(kind, self.tracker.position(), self.cascade.integral_n);
-        self.absorb = true;
-    }
-
-    /// Hands the force of the compensator's integrator to the linear one; their sum stays.
-    fn merge_integrals(&mut self) {
-        self.cascade.integral_n += self.nonlinear_n;
-        self.nonlinear_n = 0.0;
-    }
-
-    fn configure(&mut self, config: &Config, needs_bridge_off: bool) -> Outcome {
-        if needs_bridge_off && self.state.has_torque() {
-            return Err(Refusal::WrongState(self.state));
-        }
-        let kind = config.compensator.kind;
-        let switch = kind != self.config.compensator.kind;
-        self.config = *config;
-        self.absorb = true;
-        if switch {
-            self.choose(kind);
-        }
-        if needs_bridge_off {
-            // Origin, count or commutation may differ: begin again from the next good frame.
-            self.tracker = Tracker::default();
-            self.electrical_ct = 0;
-            self.electrical_at = self.config.commutation_zero;
-        }
-        Ok(())
     }
 }

@@ -31,6 +31,7 @@ pub mod friction;
 pub mod image;
 pub mod math;
 pub mod measure;
+pub mod monitor;
 pub mod parameters;
 pub mod position;
 pub mod profile;

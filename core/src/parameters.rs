@@ -90,6 +90,8 @@ macro_rules! parameters {
 parameters! {
     0x0101 encoder_count_m "m" [1e-12, 1e-6] 4e-6 / 65536.0, BridgeOff, "Length of one encoder count.";
     0x0102 encoder_origin_ct "ct" [0.0, 4_294_967_295.0] 2_147_483_648.0, BridgeOff, "Encoder reading at position 0.";
+    0x0103 encoder_jump_m "m" [1e-9, 1.0] 1e-6, BridgeOff, "A change of the movement from tick to tick beyond this is a fault; above what the motor's force can do in a tick.";
+    0x0104 encoder_frozen_ticks "ticks" [0.0, 60_000.0] 80.0, BridgeOff, "So many equal readings in a row at rest are a fault, and as many windows of 4 ticks with equal currents; 0: never, for readings coarser than their noise.";
     0x0201 magnet_pitch_m "m" [1e-3, 1.0] 0.03, BridgeOff, "Length of one electrical turn of the motor (a pair of poles).";
     0x0202 commutation_offset_m "m" [-1.0, 1.0] 0.0, BridgeOff, "Added to the position before it becomes an electrical angle.";
     0x0203 force_constant_n_per_a "N/A" [0.1, 1000.0] 7.8, BridgeOff, "Force per ampere of the dq frame's q axis (peak).";
@@ -104,15 +106,31 @@ parameters! {
     0x020c bus_full_scale_v "V" [1.0, 1000.0] 80.0, BridgeOff, "Bus voltage at the end of the converter's range.";
     0x020d bus_min_v "V" [1.0, 1000.0] 24.0, BridgeOff, "Below this the bridge is not turned on, and off if it was.";
     0x020e bus_max_v "V" [1.0, 1000.0] 60.0, BridgeOff, "Above this the bridge is off.";
+    0x020f temperature_zero_c "°C" [-300.0, 1000.0] -50.0, BridgeOff, "Temperature of the power stage at the lower end of the converter's range.";
+    0x0210 temperature_full_scale_c "°C" [-300.0, 1000.0] 280.0, BridgeOff, "Temperature of the power stage at the upper end of the converter's range.";
+    0x0211 temperature_max_c "°C" [-50.0, 200.0] 80.0, BridgeOff, "Above this the bridge is off.";
+    0x0212 continuous_current_a "A" [0.01, 200.0] 4.0, BridgeOff, "Current that the motor takes for ever; the thermal model allows more for a time.";
+    0x0213 thermal_time_constant_s "s" [0.1, 1000.0] 10.0, BridgeOff, "Time constant of the motor's thermal model (i²t).";
     0x0301 position_gain_per_s "1/s" [0.0, 1e5] 431.974_539_479_188_14, Always, "Position loop gain K_p.";
     0x0302 velocity_gain_n_s_per_m "N s/m" [1e-3, 1e6] 912.0, Always, "Velocity loop gain K_v; k_D of the parallel form.";
     0x0303 velocity_integral_per_s "1/s" [0.0, 1e5] 40.613_179_819_057_46, Always, "Integral rate K_i of the velocity loop.";
     0x0304 feedforward_mass_kg "kg" [0.0, 1000.0] 0.0, Always, "Acceleration feedforward.";
     0x0305 following_error_max_m "m" [1e-7, 1.0] 200e-6, Always, "A larger position error is a fault.";
+    0x0306 overspeed_m_per_s "m/s" [1e-6, 20.0] 1.0, Always, "A higher speed is a fault.";
+    0x0307 runaway_m_per_s "m/s" [1e-6, 20.0] 0.1, Always, "A faster growth of the position error is a fault.";
+    0x0308 commutation_check_n "N" [1e-3, 1e4] 6.0, Always, "With more force than this the stage must not move and accelerate against it; above friction, static load and steps of load.";
+    0x0309 position_window_m "m" [1e-10, 1.0] 20e-9, Always, "Target reached: largest position error.";
+    0x030a position_window_s "s" [0.0, 10.0] 0.01, Always, "Target reached: time inside the window.";
     0x0401 travel_min_m "m" [-10.0, 10.0] -0.05, BridgeOff, "Lowest position a move may have as target.";
     0x0402 travel_max_m "m" [-10.0, 10.0] 0.05, BridgeOff, "Highest position a move may have as target.";
     0x0403 velocity_max_m_per_s "m/s" [1e-6, 10.0] 0.5, Always, "Highest speed a move may ask for.";
     0x0404 acceleration_max_m_per_s2 "m/s²" [1e-6, 500.0] 20.0, Always, "Highest acceleration a move may ask for, and that of a stop.";
+    0x0405 travel_margin_m "m" [1e-6, 1.0] 1e-4, BridgeOff, "A position further outside the travel than this is a fault.";
+    0x0406 quick_stop_m_per_s2 "m/s²" [1e-6, 500.0] 30.0, Always, "Deceleration of the quick-stop ramp.";
+    0x0407 quick_stop_option "" [0.0, 6.0] 2.0, Always, "0: bridge off at once. 1: slow-down ramp (acceleration_max), then off. 2: quick-stop ramp, then off. 5, 6: as 1, 2 and held at rest in Quick stop active.";
+    0x0408 halt_option "" [1.0, 2.0] 1.0, Always, "1: slow-down ramp. 2: quick-stop ramp. Then held at rest in Operation enabled.";
+    0x0409 disable_option "" [0.0, 1.0] 0.0, Always, "Disable operation and shutdown. 0: bridge off at once. 1: slow-down ramp first.";
+    0x040a fault_reaction_option "" [0.0, 2.0] 0.0, Always, "Faults that may brake first. 0: bridge off at once. 1: slow-down ramp first. 2: quick-stop ramp first.";
     0x0501 compensator "" [0.0, 7.0] 0.0, Always, "0: none. 1: NIASA. 2: NIASA on Maxwell slip. 3: friction feedforward. 4: LuGre observer. 5: Dahl observer. 6: scheduled PD. 7: disturbance observer.";
     0x0502 niasa_stiffness_n_per_m "N/m" [1e3, 1e9] 4e6, Always, "σ̂ of the friction model; better too low than too high (8.1.1).";
     0x0503 niasa_coulomb_n "N" [1e-3, 1e3] 0.6, Always, "F̂_C of the friction model.";
@@ -133,6 +151,7 @@ parameters! {
     0x051a disturbance_mass_kg "kg" [1e-3, 1000.0] 1.8, Always, "Nominal mass of the disturbance observer.";
     0x051b disturbance_bandwidth_hz "Hz" [0.1, 1000.0] 30.0, Always, "Bandwidth of the disturbance observer.";
     0x0601 tick_limit_cycles "cycles" [100.0, 65_000.0] 10_000.0, BridgeOff, "A servo tick longer than this is a fault; the default is one PWM period at 400 MHz.";
+    0x0602 command_timeout_s "s" [0.0, 3600.0] 0.0, Always, "Without a command for longer than this the bridge goes off; 0: never.";
 }
 
 impl Settings {
@@ -146,6 +165,12 @@ impl Settings {
         }
         Refusal::check(Field::Parameter(0x020e), self.bus_max_v, self.bus_min_v, self.bus_full_scale_v)?;
         Refusal::check(Field::Parameter(0x0209), self.over_current_a, self.current_limit_a, self.current_full_scale_a)?;
+        Refusal::check(
+            Field::Parameter(0x0211),
+            self.temperature_max_c,
+            self.temperature_zero_c,
+            self.temperature_full_scale_c - 1.0,
+        )?;
         Refusal::check(Field::Parameter(0x0513), self.friction_static_n, self.friction_coulomb_n, 1e3)?;
         // Distances and the electrical turn are computed in 32-bit counts.
         Refusal::check(

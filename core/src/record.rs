@@ -20,6 +20,15 @@ pub mod flags {
     pub const ENCODER_WARNING: u16 = 1 << 5;
     /// The bridge is on.
     pub const BRIDGE_ON: u16 = 1 << 6;
+    /// The current loop asks for more voltage than the bus gives.
+    pub const VOLTAGE_LIMITED: u16 = 1 << 7;
+
+    /// Limits that act, apart from faults: bit, name, meaning.
+    pub const LIMITS: [(u16, &str, &str); 3] = [
+        (FORCE_LIMITED, "current limit", "The force asked for is beyond `current_limit_a`; integrators hold."),
+        (RATE_LIMITED, "rate limit", "The nonlinear integrator moves by `niasa_rate_limit_n` per tick (8.1)."),
+        (VOLTAGE_LIMITED, "voltage limit", "The current loop asks for more than the bus gives; its integrators hold."),
+    ];
 }
 
 /// Number of 32-bit words of a record.

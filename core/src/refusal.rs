@@ -102,6 +102,8 @@ pub enum Refusal {
     Saving,
     /// No valid parameters are stored.
     NothingStored,
+    /// The drive is halted by the controlword.
+    Halted,
 }
 
 impl Refusal {
@@ -126,6 +128,7 @@ impl core::fmt::Display for Refusal {
             Refusal::FaultPersists(fault) => write!(f, "the cause is still there: {}", fault.explanation()),
             Refusal::Saving => f.write_str("parameters are being saved: wait for its end"),
             Refusal::NothingStored => f.write_str("there are no valid stored parameters: save some first"),
+            Refusal::Halted => f.write_str("halted: clear the halt bit of the controlword first"),
             Refusal::Busy => f.write_str("the drive has not yet taken the last command: send this one again"),
         }
     }

@@ -46,6 +46,8 @@ pub struct Monitor {
     low_ct: i32,
     high_ct: i32,
     block_ticks: u32,
+    /// Tick of the last error beyond the position window.
+    outside_ticks: u32,
 }
 
 impl Default for Monitor {
@@ -57,6 +59,7 @@ impl Default for Monitor {
             low_ct: i32::MAX,
             high_ct: i32::MIN,
             block_ticks: 0,
+            outside_ticks: 0,
         }
     }
 }
@@ -67,15 +70,20 @@ impl Monitor {
         self.settling
     }
 
+    /// Ticks in a row without an error beyond the position window.
+    pub fn inside_ticks(&self) -> u32 {
+        self.settling.ticks - self.outside_ticks
+    }
+
     /// A move towards larger (`forward`) or smaller positions begins.
     pub fn restart(&mut self, forward: bool) {
         *self = Monitor { forward, ..Monitor::default() };
     }
 
     /// One tick after the end of the profile, the first of them being the one on which the reference reached the target.
-    /// `limits_ct` are the tolerances in counts, narrowest first.
+    /// `limits_ct` are the tolerances in counts, narrowest first; `window_ct` is the position window.
     #[inline]
-    pub fn update(&mut self, error_ct: i32, limits_ct: &[i32; TOLERANCES]) {
+    pub fn update(&mut self, error_ct: i32, limits_ct: &[i32; TOLERANCES], window_ct: i32) {
         let s = &mut self.settling;
         s.ticks = s.ticks.saturating_add(1);
         let size_ct = error_ct.saturating_abs();
@@ -84,6 +92,9 @@ impl Monitor {
                 break; // inside this band and all wider ones
             }
             *after = s.ticks;
+        }
+        if size_ct > window_ct {
+            self.outside_ticks = s.ticks;
         }
         // Past the target means beyond it in the direction of the move: error = target − position.
         s.overshoot_ct = s.overshoot_ct.max(if self.forward { error_ct.saturating_neg() } else { error_ct });
@@ -112,7 +123,7 @@ mod tests {
     fn after(errors_ct: impl IntoIterator<Item = i32>) -> Settling {
         let mut monitor = Monitor::default();
         for e in errors_ct {
-            monitor.update(e, &LIMITS_CT);
+            monitor.update(e, &LIMITS_CT, 60);
         }
         monitor.settling()
     }
@@ -141,9 +152,18 @@ mod tests {
         for (forward, expected) in [(true, 70), (false, 300)] {
             monitor.restart(forward);
             for e in [300, 100, -70, -20] {
-                monitor.update(e, &LIMITS_CT);
+                monitor.update(e, &LIMITS_CT, 60);
             }
             assert_eq!(monitor.settling().overshoot_ct, expected);
+        }
+    }
+
+    #[test]
+    fn the_time_inside_the_window_begins_after_the_last_error_beyond_it() {
+        let mut monitor = Monitor::default();
+        for (error_ct, inside) in [(0, 1), (61, 0), (60, 1), (-60, 2), (-61, 0), (5, 1)] {
+            monitor.update(error_ct, &LIMITS_CT, 60);
+            assert_eq!(monitor.inside_ticks(), inside);
         }
     }
 

@@ -2,9 +2,11 @@
 
 use defmt::info;
 use embassy_executor::task;
+use embassy_time::{Duration, with_timeout};
 use embedded_io_async::{Read, Write};
 use heapless::Vec;
 use servo_board::Link;
+use servo_board::watchdog::Client;
 use servo_core::capture::{Progress, WORDS_PER_SAMPLE};
 use servo_core::cascade::{CascadeGains, ParallelGains};
 use servo_core::config::{Compensator, Config};
@@ -16,8 +18,12 @@ use servo_core::refusal::Refusal;
 use servo_protocol::frame::{Collector, MAX_FRAME, encode};
 use servo_protocol::message::{BLOCK_WORDS, Identity, PARAMETERS_PER_REPLY, Reply, Request, Status};
 
+use crate::clients;
 use crate::drive::{Commander, Latest};
 use crate::storage::Storage;
+
+/// While the line is silent, the task checks in with the watchdog this often.
+const CHECK_IN: Duration = Duration::from_millis(20);
 
 /// What the requests act upon.
 pub struct Commands {
@@ -36,14 +42,20 @@ pub struct Commands {
 /// Serves the link for ever.
 #[task]
 pub async fn run(link: Link, mut commands: Commands) {
+    let alive = Client::register(clients::COMMANDS);
     let (mut tx, mut rx) = link.split();
     let mut collector = Collector::default();
     let mut bytes = [0; 64];
     let mut frame = [0; MAX_FRAME];
     loop {
-        let Ok(received) = rx.read(&mut bytes).await else {
-            commands.count_garbled();
-            continue;
+        alive.check_in();
+        let received = match with_timeout(CHECK_IN, rx.read(&mut bytes)).await {
+            Ok(Ok(received)) => received,
+            Ok(Err(_)) => {
+                commands.count_garbled();
+                continue;
+            }
+            Err(_) => continue,
         };
         for byte in &bytes[..received] {
             match collector.push::<Request>(*byte) {
@@ -154,8 +166,7 @@ impl Commands {
     /// Tells the drive how a save has ended: with the next request, because nobody but a request can ask for torque.
     async fn tell_of_save(&mut self) {
         if self.storage.has_news() {
-            let stored = self.storage.stored().is_some();
-            if self.commander.execute(Command::EndSave { stored }).await.is_ok() {
+            if self.commander.execute(Command::EndSave).await.is_ok() {
                 self.storage.told();
             }
         }

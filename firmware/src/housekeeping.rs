@@ -1,22 +1,48 @@
-//! Housekeeping: once a second, everything that should not happen and did.
+//! Housekeeping: ten times a second the stack, once a second everything that should not happen and did.
 
 use defmt::{info, warn};
 use embassy_time::{Duration, Ticker};
+use servo_board::watchdog::{self, Client};
+use servo_core::monitor::signals;
 
+use crate::clients;
 use crate::drive::Latest;
 
-/// Below this the stack has come too near its end, bytes.
+/// Time between two rounds.
+const ROUND: Duration = Duration::from_millis(20);
+/// Rounds between two looks at the stack.
+const STACK_EVERY: u32 = 5;
+/// Rounds between two reports.
+const REPORT_EVERY: u32 = 50;
+/// Below this the stack has come too near its end, bytes: a fault.
 const STACK_RESERVE_BYTES: u32 = 2048;
 
 /// Watches for ever.
 #[embassy_executor::task]
 pub async fn run(latest: &'static Latest) {
-    let mut ticker = Ticker::every(Duration::from_secs(1));
+    let alive = Client::register(clients::HOUSEKEEPING);
+    let mut ticker = Ticker::every(ROUND);
+    let mut round = 0;
     let mut before = latest.snapshot.get();
     let mut garbled_before = 0;
-    let mut longest_stack = u32::MAX;
+    let mut least_free = u32::MAX;
     loop {
         ticker.next().await;
+        alive.check_in();
+        round = (round + 1) % REPORT_EVERY;
+        if round.is_multiple_of(STACK_EVERY) {
+            let stack_free = servo_board::stack_free_bytes();
+            if stack_free < least_free {
+                info!("stack: {=u32} bytes never used", stack_free);
+            }
+            if stack_free < STACK_RESERVE_BYTES {
+                watchdog::report(signals::STACK_LOW);
+            }
+            least_free = stack_free;
+        }
+        if round != 0 {
+            continue;
+        }
         let now = latest.snapshot.get();
         let counters = now.counters;
         if counters.ticks == before.counters.ticks {
@@ -38,14 +64,6 @@ pub async fn run(latest: &'static Latest) {
         if garbled != garbled_before {
             warn!("{=u32} garbled frames on the serial link", garbled);
         }
-        let stack_free = servo_board::stack_free_bytes();
-        if stack_free < longest_stack {
-            info!("stack: {=u32} bytes never used", stack_free);
-            if stack_free < STACK_RESERVE_BYTES {
-                warn!("stack nearly full");
-            }
-        }
-        longest_stack = stack_free;
         garbled_before = garbled;
         before = now;
     }

@@ -19,6 +19,13 @@ use static_cell::StaticCell;
 use crate::commands::Commands;
 use crate::drive::Latest;
 
+/// Numbers under which tasks check in with the watchdog.
+mod clients {
+    pub const TELEMETRY: u32 = 0;
+    pub const HOUSEKEEPING: u32 = 1;
+    pub const COMMANDS: u32 = 2;
+}
+
 /// Version of the firmware: major, minor, patch.
 const VERSION: [u16; 3] = [
     number(env!("CARGO_PKG_VERSION_MAJOR")),
@@ -46,8 +53,7 @@ async fn main(spawner: Spawner) {
         Ok(config) => config,
         Err(refusal) => return error!("not started: {}", refusal),
     };
-    let (in_interrupts, commander, reports) =
-        drive::split(if storage.is_commissioned() { Axis::new(config) } else { Axis::uncommissioned(config) });
+    let (in_interrupts, commander, reports) = drive::split(Axis::new(config));
     static LATEST: StaticCell<Latest> = StaticCell::new();
     let latest: &'static Latest = LATEST.init(Latest::default());
 

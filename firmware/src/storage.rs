@@ -4,8 +4,9 @@ use core::cell::Cell;
 
 use defmt::{error, info, warn};
 use embassy_time::{Duration, Ticker, Timer};
-use servo_board::{FlashFault, ParameterFlash};
+use servo_board::{FlashFault, ParameterFlash, watchdog};
 use servo_core::image::{Invalid, SCHEMA};
+use servo_core::monitor::signals;
 use servo_core::parameters::Settings;
 use servo_core::store::{Current, Opened, Slot, Step, Store};
 use servo_protocol::message::{ParameterStore, SaveProgress};
@@ -31,11 +32,6 @@ impl Storage {
     /// What to start with: the stored parameters, or the defaults.
     pub fn settings(&self) -> Settings {
         self.stored.get().unwrap_or_default()
-    }
-
-    /// Valid parameters were found.
-    pub fn is_commissioned(&self) -> bool {
-        self.stored.get().is_some()
     }
 
     /// The stored parameters, if there are valid ones.
@@ -92,7 +88,10 @@ pub fn open(flash: &mut ParameterFlash) -> (Store, &'static Storage) {
                 warn!("parameters: taken over from schema {=u16}; save to keep them in schema {=u16}", schema, SCHEMA);
             }
         }
-        (Err([a, b]), _) => warn!("parameters: none that can be used (sector A: {}, sector B: {})", a, b),
+        (Err([a, b]), _) => {
+            warn!("parameters: none that can be used (sector A: {}, sector B: {})", a, b);
+            watchdog::report(signals::PARAMETERS_INVALID);
+        }
         _ => {}
     }
     static STORAGE: StaticCell<Storage> = StaticCell::new();
@@ -128,6 +127,7 @@ pub async fn run(mut flash: ParameterFlash, mut store: Store, storage: &'static 
                 info!("parameters: saved as image {=u32} in sector {}", target.sequence, target.slot);
                 store.saved(&save);
                 storage.stored.set(Some(settings));
+                watchdog::withdraw(signals::PARAMETERS_INVALID);
                 storage.image.set(store.newest());
                 SaveProgress::Done
             }

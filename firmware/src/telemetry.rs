@@ -2,8 +2,10 @@
 
 use defmt::{error, info};
 use embassy_time::{Duration, Ticker};
+use servo_board::watchdog::Client;
 use servo_core::record::TickRecord;
 
+use crate::clients;
 use crate::drive::{Latest, Reports};
 
 /// Time between two visits to the queue; it holds three times as much.
@@ -14,10 +16,12 @@ const VISITS_PER_LINE: u32 = 20;
 /// Drains the records for ever.
 #[embassy_executor::task]
 pub async fn run(mut reports: Reports, latest: &'static Latest) {
+    let alive = Client::register(clients::TELEMETRY);
     let mut ticker = Ticker::every(VISIT);
     let mut visits = 0;
     loop {
         ticker.next().await;
+        alive.check_in();
         while let Some(record) = reports.records.dequeue() {
             log_change(&latest.record.replace(record), &record);
         }

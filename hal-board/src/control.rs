@@ -16,6 +16,7 @@ use core::mem::MaybeUninit;
 use embassy_stm32::interrupt;
 use servo_core::axis::ServoSample;
 use servo_core::current::{Bridge, PhaseCodes};
+use servo_core::monitor::signals;
 use servo_core::{PERIODS_PER_TICK, PWM_TOP};
 
 use crate::adc::{self, SlowInputs};
@@ -23,6 +24,7 @@ use crate::clocks::cycles;
 use crate::encoder::{self, MISSING_FRAME};
 use crate::priorities::{self, PriorityFault};
 use crate::pwm;
+use crate::watchdog::Watchdog;
 
 /// What a converter reports that did not deliver.
 const MISSING_PHASES: PhaseCodes = PhaseCodes { a: u16::MAX, b: u16::MAX };
@@ -45,11 +47,14 @@ pub enum StartFault {
 }
 
 /// Permission to start the control loop; there is one.
-pub struct PowerStage(());
+pub struct PowerStage {
+    /// How the last run ended, for the first servo period: bits of [`signals`].
+    ended_by: u32,
+}
 
 impl PowerStage {
-    pub(crate) fn new() -> Self {
-        PowerStage(())
+    pub(crate) fn new(ended_by: u32) -> Self {
+        PowerStage { ended_by }
     }
 
     /// Moves `control` into the interrupts and starts the PWM timer, bridge off until `control` enables it.
@@ -60,10 +65,11 @@ impl PowerStage {
         priorities::check().map_err(StartFault::Priority)?;
         // SAFETY: the interrupts that use the cell are masked until the end of this function, and since `self` is
         // consumed it runs once.
-        unsafe { *LOOP.0.get() = MaybeUninit::new(Loop::new(control)) };
+        unsafe { *LOOP.0.get() = MaybeUninit::new(Loop::new(control, self.ended_by)) };
         if !pwm::start() {
             return Err(StartFault::UpdateNotAtUnderflow);
         }
+        Watchdog::start();
         priorities::unmask_control();
         Ok(())
     }
@@ -81,6 +87,9 @@ struct Loop {
     sample: ServoSample,
     /// Cycle count at the underflow that began the servo period.
     servo_began_cycles: u32,
+    watchdog: Watchdog,
+    /// For the next servo period, once.
+    ended_by: u32,
 }
 
 /// Where the encoder frame of the current servo period is.
@@ -92,7 +101,7 @@ enum Frame {
 }
 
 impl Loop {
-    fn new(control: &'static mut dyn Control) -> Self {
+    fn new(control: &'static mut dyn Control, ended_by: u32) -> Self {
         Loop {
             control,
             period: PERIODS_PER_TICK - 1,
@@ -105,10 +114,12 @@ impl Loop {
                 frame: MISSING_FRAME,
                 bus_code: 0,
                 temperature_code: 0,
-                bridge_fault: false,
+                signals: 0,
                 last_tick_cycles: 0,
             },
             servo_began_cycles: 0,
+            watchdog: Watchdog::new(),
+            ended_by,
         }
     }
 
@@ -168,7 +179,9 @@ impl Loop {
     fn servo(&mut self, frame: u64) {
         self.frame = Frame::None;
         self.sample.frame = frame;
-        self.sample.bridge_fault = pwm::take_break();
+        let tripped = if pwm::take_break() { signals::BRIDGE_FAULT } else { 0 };
+        let told = self.watchdog.tick() | core::mem::take(&mut self.ended_by);
+        self.sample.signals = tripped | told;
         let bridge = self.control.on_servo(&self.sample);
         self.apply(bridge);
         self.sample.last_tick_cycles = cycles().wrapping_sub(self.servo_began_cycles);

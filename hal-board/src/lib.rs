@@ -28,12 +28,15 @@ mod pins;
 pub mod priorities;
 mod pwm;
 mod reset;
+pub mod watchdog;
 
 pub use control::{Control, PowerStage, StartFault};
 pub use flash::{FlashFault, ParameterFlash};
 pub use link::Link;
 pub use memory::stack_free_bytes;
 pub use reset::ResetCause;
+
+use servo_core::monitor::signals;
 
 /// What [`init`] leaves to the application.
 pub struct Board {
@@ -78,6 +81,11 @@ pub fn init() -> Board {
 
     let link = link::open(p.USART3, p.PD9, p.PD8);
     let serial = [0, 1, 2].map(|word| embassy_stm32::pac::UID.uid(word).read());
-    let (power_stage, flash) = (PowerStage::new(), ParameterFlash::new());
+    let ended_by = match (last_words, reset_cause) {
+        (Some(_), _) => signals::PANICKED,
+        (None, ResetCause::Watchdog) => signals::WATCHDOG_RESET,
+        (None, _) => 0,
+    };
+    let (power_stage, flash) = (PowerStage::new(ended_by), ParameterFlash::new());
     Board { link, power_stage, flash, core_hz, serial, reset_cause, last_words }
 }

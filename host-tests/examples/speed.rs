@@ -64,9 +64,9 @@ impl Straightforward {
         let inputs = Inputs {
             frame: encoder::frame(count, false, false, 1),
             iq_a: self.current_a as f32,
-            over_current: false,
             bus_code: (stage.amplifier.bus_v / stage.adc.bus_full_scale_v * 65_536.0) as u16,
-            bridge_fault: false,
+            temperature_code: 15_000,
+            signals: 0,
             last_tick_cycles: 4_000,
         };
         let demand = self.drive.tick(&inputs, command.as_ref()).demand;

@@ -57,14 +57,7 @@ impl Bench {
         tamper: impl FnOnce(&mut ServoSample),
         mut look: impl FnMut(PhaseCodes, Bridge),
     ) -> ServoOutput {
-        let mut sample = ServoSample {
-            phases: self.phases(),
-            frame: self.plant.encoder_frame(),
-            bus_code: code(self.plant.bus_adc()),
-            temperature_code: code(self.plant.temperature_adc()),
-            bridge_fault: false,
-            last_tick_cycles: TICK_CYCLES,
-        };
+        let mut sample = self.sample();
         tamper(&mut sample);
         let output = self.axis.on_servo(&sample, command.as_ref());
         self.period(output.bridge);
@@ -75,6 +68,33 @@ impl Bench {
             self.period(bridge);
         }
         output
+    }
+
+    /// One servo period in which every current sample goes through `lie`.
+    pub fn tick_lying(&mut self, lie: impl Fn(&mut PhaseCodes)) -> ServoOutput {
+        let mut sample = self.sample();
+        lie(&mut sample.phases);
+        let output = self.axis.on_servo(&sample, None);
+        self.period(output.bridge);
+        for _ in 1..PERIODS_PER_TICK {
+            let mut phases = self.phases();
+            lie(&mut phases);
+            let bridge = self.axis.on_period(phases);
+            self.period(bridge);
+        }
+        output
+    }
+
+    /// What the board samples now.
+    fn sample(&mut self) -> ServoSample {
+        ServoSample {
+            phases: self.phases(),
+            frame: self.plant.encoder_frame(),
+            bus_code: code(self.plant.bus_adc()),
+            temperature_code: code(self.plant.temperature_adc()),
+            signals: 0,
+            last_tick_cycles: TICK_CYCLES,
+        }
     }
 
     /// The present duties for one period, then `next`. A bridge that is turned off is off at once: that is not a compare value

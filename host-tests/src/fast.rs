@@ -34,6 +34,7 @@ pub struct FastBench {
     step: Step,
     force_constant_n_per_a: f64,
     bus_code: u16,
+    temperature_code: u16,
     /// Current at the beginning of the last period.
     measured_a: f64,
     moving: bool,
@@ -52,6 +53,7 @@ impl FastBench {
             step: Step::new(stage, 1.0 / f64::from(PWM_HZ * STEPS_PER_PERIOD)),
             force_constant_n_per_a: stage.motor.force_constant_n_per_a,
             bus_code: (stage.amplifier.bus_v / stage.adc.bus_full_scale_v * 65_536.0) as u16,
+            temperature_code: temperature_code(stage),
             measured_a: 0.0,
             moving: false,
         })
@@ -63,15 +65,27 @@ impl FastBench {
         self.tick_disturbed(command, 0.0)
     }
 
+    /// One servo period in which what the encoder sends goes through `alter` first.
+    pub fn tick_altered(&mut self, command: Option<Command>, alter: impl FnOnce(u64) -> u64) -> Output {
+        let frame = alter(self.carriage.encoder_frame());
+        self.tick_on(frame, command, 0.0)
+    }
+
     /// One servo period in which `added_a` joins the drive's current set-point: what a measurement of the loop injects.
     #[inline]
     pub fn tick_disturbed(&mut self, command: Option<Command>, added_a: f64) -> Output {
+        let frame = self.carriage.encoder_frame();
+        self.tick_on(frame, command, added_a)
+    }
+
+    #[inline]
+    fn tick_on(&mut self, frame: u64, command: Option<Command>, added_a: f64) -> Output {
         let inputs = Inputs {
-            frame: self.carriage.encoder_frame(),
+            frame,
             iq_a: self.measured_a as f32,
-            over_current: false,
             bus_code: self.bus_code,
-            bridge_fault: false,
+            temperature_code: self.temperature_code,
+            signals: 0,
             last_tick_cycles: TICK_CYCLES,
         };
         let output = self.drive.tick(&inputs, command.as_ref());
@@ -132,6 +146,12 @@ impl FastBench {
             other => Err(Refusal::WrongState(other)),
         }
     }
+}
+
+/// What the converter says of the heat sink.
+fn temperature_code(stage: &Stage) -> u16 {
+    let (zero_c, full_scale_c) = (stage.adc.temperature_zero_c, stage.adc.temperature_full_scale_c);
+    ((stage.amplifier.temperature_c - zero_c) / (full_scale_c - zero_c) * 65_536.0) as u16
 }
 
 /// The current loop as the position loop sees it: the q axis alone, without angles, dead time and converters.

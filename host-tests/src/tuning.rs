@@ -86,6 +86,16 @@ pub fn settings(stage: &Stage, tuning: &Tuning) -> Result<Settings, Refusal> {
         bus_full_scale_v: stage.adc.bus_full_scale_v,
         bus_min_v: 0.5 * stage.amplifier.bus_v,
         bus_max_v: 1.25 * stage.amplifier.bus_v,
+        temperature_zero_c: stage.adc.temperature_zero_c,
+        temperature_full_scale_c: stage.adc.temperature_full_scale_c,
+        continuous_current_a: 0.4 * stage.amplifier.full_scale_a,
+        // Twice what the largest current does to the mass in a tick.
+        encoder_jump_m: (2.0 * 0.8 * stage.amplifier.full_scale_a * stage.motor.force_constant_n_per_a
+            / stage.mechanics.mass_kg
+            / f64::from(SERVO_HZ * SERVO_HZ))
+        .max(defaults.encoder_jump_m),
+        // Without noise, a stage at rest reads the same for ever.
+        encoder_frozen_ticks: if stage.encoder.noise_m_rms > 2.0 * stage.encoder.count_m { 80.0 } else { 0.0 },
         position_gain_per_s: cascade.position_per_s,
         velocity_gain_n_s_per_m: cascade.velocity_n_s_per_m,
         velocity_integral_per_s: cascade.integral_per_s,

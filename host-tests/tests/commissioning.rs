@@ -1,9 +1,8 @@
 //! No torque on parameters that nobody has stored, none while they are being stored, and no save while there is torque.
 
-use servo_core::axis::Axis;
-use servo_core::config::Config;
-use servo_core::drive::Command;
+use servo_core::drive::{Command, Outcome};
 use servo_core::fault::Fault;
+use servo_core::monitor::signals;
 use servo_core::parameters::Settings;
 use servo_core::refusal::Refusal;
 use servo_core::state::State;
@@ -17,22 +16,23 @@ fn bench() -> Bench {
 #[test]
 fn a_drive_without_stored_parameters_is_in_a_fault_until_some_are_stored() {
     let mut bench = bench();
-    bench.axis = Axis::uncommissioned(Config::new(&Settings::default()).unwrap());
+    let mut unstored = |command: Option<Command>| -> Option<Outcome> {
+        let output = bench.tick_with(command, |sample| sample.signals |= signals::PARAMETERS_INVALID);
+        assert!(!output.bridge.enabled);
+        assert!(output.record.fault == Some(Fault::ParametersInvalid), "{:?}", output.record);
+        output.outcome
+    };
+    unstored(None);
+    unstored(None);
+    let refused = Some(Err(Refusal::FaultPersists(Fault::ParametersInvalid)));
+    assert_eq!(unstored(Some(Command::Enable)), Some(Err(Refusal::WrongState(State::Fault))));
+    assert_eq!(unstored(Some(Command::ResetFault)), refused);
+    // A save that fails changes nothing; one that succeeds ends the signal.
+    assert_eq!(unstored(Some(Command::BeginSave)), Some(Ok(())));
+    assert_eq!(unstored(Some(Command::EndSave)), Some(Ok(())));
+    assert_eq!(unstored(Some(Command::ResetFault)), refused);
+
     bench.run(5, |output| assert!(!output.bridge.enabled));
-    assert_eq!(
-        (bench.axis.drive().state(), bench.axis.drive().fault()),
-        (State::Fault, Some(Fault::ParametersInvalid))
-    );
-    assert_eq!(bench.command(Command::Enable), Err(Refusal::WrongState(State::Fault)));
-    assert_eq!(bench.command(Command::ResetFault), Err(Refusal::FaultPersists(Fault::ParametersInvalid)));
-
-    // A save that fails changes nothing.
-    assert_eq!(bench.command(Command::BeginSave), Ok(()));
-    assert_eq!(bench.command(Command::EndSave { stored: false }), Ok(()));
-    assert_eq!(bench.command(Command::ResetFault), Err(Refusal::FaultPersists(Fault::ParametersInvalid)));
-
-    assert_eq!(bench.command(Command::BeginSave), Ok(()));
-    assert_eq!(bench.command(Command::EndSave { stored: true }), Ok(()));
     assert_eq!(bench.axis.drive().state(), State::Fault, "it is the user who acknowledges");
     assert_eq!(bench.command(Command::ResetFault), Ok(()));
     bench.enable().unwrap();
@@ -60,6 +60,6 @@ fn enabling_is_refused_until_the_save_has_ended() {
         assert_eq!(bench.command(Command::Enable), Err(Refusal::Saving));
         bench.run(100, |output| assert!(!output.bridge.enabled));
     }
-    bench.command(Command::EndSave { stored: true }).unwrap();
+    bench.command(Command::EndSave).unwrap();
     bench.enable().unwrap();
 }

@@ -19,12 +19,12 @@ fn every_field_of_a_recorded_tick_survives_the_bytes() {
         frame: 0x0123_4567_89ab_cdef,
         bus_code: 0xfedc,
         temperature_code: 0xba98,
-        bridge_fault: true,
+        signals: 0x89ab_cdef,
         last_tick_cycles: 0x7654_3210,
     };
     let tick = Tick { sample, phases: std::array::from_fn(|i| phases(i as u16 + 1)) };
     assert_eq!(Tick::from_bytes(&tick.to_bytes()), tick);
-    let other = Tick { sample: ServoSample { bridge_fault: false, ..sample }, ..tick };
+    let other = Tick { sample: ServoSample { signals: 0x89ab_cdee, ..sample }, ..tick };
     assert_eq!(Tick::from_bytes(&other.to_bytes()), other);
 }
 
@@ -67,6 +67,6 @@ fn the_run_passes_through_what_it_is_meant_to_cover() {
     assert_eq!(at_work.len(), Compensator::ALL.len(), "only {at_work:?} with the bridge on");
     let all = flags::MOVING | flags::FORCE_LIMITED | flags::RATE_LIMITED | flags::COMPENSATED | flags::FRAME_BAD;
     assert_eq!(seen_flags & all, all);
-    assert_eq!(faults, [Fault::EncoderLost, Fault::OverCurrent, Fault::BusUnderVoltage, Fault::FollowingError]);
+    assert_eq!(faults, [Fault::EncoderLost, Fault::OverCurrent, Fault::BusUnderVoltage, Fault::EncoderFrozen]);
     assert_eq!((refusals, captured), (6, script::CAPTURE.samples));
 }

@@ -20,7 +20,7 @@ pub struct Tick {
 }
 
 impl Tick {
-    /// As bytes, little-endian: frame, phases, bus, temperature, cycles, fault, then the phases of the other periods.
+    /// As bytes, little-endian: frame, phases, bus, temperature, cycles, signals, then the phases of the other periods.
     pub fn to_bytes(&self) -> [u8; TICK_BYTES] {
         let s = &self.sample;
         let mut bytes = [0; TICK_BYTES];
@@ -29,7 +29,7 @@ impl Tick {
         bytes[12..14].copy_from_slice(&s.bus_code.to_le_bytes());
         bytes[14..16].copy_from_slice(&s.temperature_code.to_le_bytes());
         bytes[16..20].copy_from_slice(&s.last_tick_cycles.to_le_bytes());
-        bytes[20] = u8::from(s.bridge_fault);
+        bytes[20..24].copy_from_slice(&s.signals.to_le_bytes());
         for (to, phases) in bytes[24..].as_chunks_mut().0.iter_mut().zip(self.phases) {
             *to = phases_to_bytes(phases);
         }
@@ -38,7 +38,7 @@ impl Tick {
 
     /// The inverse of [`Tick::to_bytes`].
     pub fn from_bytes(bytes: &[u8; TICK_BYTES]) -> Tick {
-        let [f0, f1, f2, f3, f4, f5, f6, f7, p0, p1, p2, p3, b0, b1, t0, t1, c0, c1, c2, c3, fault, _, _, _, rest @ ..] =
+        let [f0, f1, f2, f3, f4, f5, f6, f7, p0, p1, p2, p3, b0, b1, t0, t1, c0, c1, c2, c3, s0, s1, s2, s3, rest @ ..] =
             *bytes;
         let (rest, _) = rest.as_chunks();
         Tick {
@@ -47,7 +47,7 @@ impl Tick {
                 frame: u64::from_le_bytes([f0, f1, f2, f3, f4, f5, f6, f7]),
                 bus_code: u16::from_le_bytes([b0, b1]),
                 temperature_code: u16::from_le_bytes([t0, t1]),
-                bridge_fault: fault != 0,
+                signals: u32::from_le_bytes([s0, s1, s2, s3]),
                 last_tick_cycles: u32::from_le_bytes([c0, c1, c2, c3]),
             },
             phases: core::array::from_fn(|i| phases_from_bytes(rest[i])),

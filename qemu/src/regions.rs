@@ -146,7 +146,7 @@ pub fn niasa_act(state: &mut OnDahl, config: &Config, situation: &Situation) -> 
 /// Settling statistics.
 #[inline(never)]
 pub fn settling_update(monitor: &mut Monitor, config: &Config, error_ct: i32) {
-    monitor.update(error_ct, &config.tolerances_ct);
+    monitor.update(error_ct, &config.tolerances_ct, config.window_ct);
 }
 
 /// Sine and cosine.

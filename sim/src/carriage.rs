@@ -18,6 +18,8 @@ pub struct Carriage {
     seed: u64,
     position_m: f64,
     velocity_m_per_s: f64,
+    /// Force from outside on the mass, N.
+    external_n: f64,
     /// Displacement that the friction has not been told of: its force is taken in the middle of a step.
     untold_m: f64,
     /// The time it took.
@@ -41,6 +43,7 @@ impl Carriage {
             seed,
             position_m: 0.0,
             velocity_m_per_s: 0.0,
+            external_n: 0.0,
             untold_m: 0.0,
             untold_s: 0.0,
             friction: Friction::new(&stage.friction),
@@ -107,6 +110,7 @@ impl Carriage {
     #[inline]
     pub fn kick(&mut self, step: &Step, force_n: f64) {
         let (dx_m, dt_s) = (std::mem::take(&mut self.untold_m), std::mem::take(&mut self.untold_s));
+        let force_n = force_n + self.external_n;
         let stopping_n = force_n + step.n_s_per_m * self.velocity_m_per_s;
         let friction_n = self.friction.resist(dx_m, dt_s, stopping_n);
         let before_m_per_s = self.velocity_m_per_s;
@@ -178,6 +182,11 @@ impl Carriage {
     /// Gives the carriage a velocity, m/s: a push that takes no time.
     pub fn set_velocity(&mut self, velocity_m_per_s: f64) {
         self.velocity_m_per_s = velocity_m_per_s;
+    }
+
+    /// From now on something pushes the carriage with this force, N.
+    pub fn set_external_force_n(&mut self, external_n: f64) {
+        self.external_n = external_n;
     }
 
     /// Dahl's σ (N/m) and F_C (N) of the present move: the truth that an identification looks for.

@@ -66,6 +66,11 @@ impl Plant {
         self.carriage.drift(&step.carriage);
     }
 
+    /// From now on something pushes the carriage with this force, N.
+    pub fn set_external_force_n(&mut self, external_n: f64) {
+        self.carriage.set_external_force_n(external_n);
+    }
+
     /// The pins of the phase A and B current channels, each with the noise of one conversion, as a fraction of full scale
     /// in `0.0..=1.0`: 0.5 at 0 A, 1.0 at `full_scale_a` into the motor.
     pub fn phase_adc(&mut self) -> [f64; 2] {

@@ -28,6 +28,8 @@ const ADC1_CR: u64 = 0x4002_2008;
 const ADC2_CR: u64 = 0x4002_2108;
 const ADC3_CR: u64 = 0x5802_6008;
 const ADC_ADSTART: u64 = 1 << 2;
+const IWDG_KR: u64 = 0x5800_4800;
+const IWDG_FEED: u64 = 0xAAAA;
 
 /// ADC1 and ADC2 are started by two instructions; starts closer than this belong to one pair and share one sample.
 const SAME_SAMPLE_NS: u64 = 1_000;
@@ -103,6 +105,8 @@ pub struct Counts {
     pub plant_steps: u64,
     /// PWM periods that began.
     pub updates: u64,
+    /// Times the watchdog was fed. It is not modelled: it would restart the part 50 ms after the last one.
+    pub feeds: u64,
     /// Update to compares, in periods that also ran the servo tick.
     pub servo_tick: Latency,
     /// Update to compares, in the other periods.
@@ -197,6 +201,7 @@ impl Coupling {
             ADC1_CR | ADC2_CR if value & ADC_ADSTART != 0 => self.sample_phases(board, now_ns),
             ADC3_CR if value & ADC_ADSTART != 0 => self.sample_slow_signals(board, now_ns),
             SPI1_TXDR if board.encoder().at_rest(now_ns) => self.latch_encoder(board, now_ns),
+            IWDG_KR if value & 0xFFFF == IWDG_FEED => self.counts.feeds += 1,
             TIM1_CCR3 => {
                 self.measure_latency(now_ns);
                 self.note_update(board, now_ns);

@@ -76,6 +76,24 @@ const EXPLAINED: &[Explained] = &[
         contains: "0 reads",
         why: "SYSCFG_CFGR (RM0433 12.3.6) is missing in the vendor's file: a locked-up core shall trip TIM1's break",
     },
+    Explained {
+        kind: ToldKind::Unimplemented,
+        place: "IWDG KR",
+        contains: "0 reads",
+        why: "the emulator only stores the watchdog's registers; the tests count how often it is fed",
+    },
+    Explained {
+        kind: ToldKind::Unimplemented,
+        place: "IWDG PR",
+        contains: "0 reads",
+        why: "the emulator only stores the watchdog's registers; the tests count how often it is fed",
+    },
+    Explained {
+        kind: ToldKind::Unimplemented,
+        place: "IWDG RLR",
+        contains: "0 reads",
+        why: "the emulator only stores the watchdog's registers; the tests count how often it is fed",
+    },
 ];
 
 fn explain(kind: ToldKind, place: &str, text: &str) -> Option<&'static str> {

@@ -374,6 +374,28 @@ impl VirtualBoard {
         Ok(bytes)
     }
 
+    /// Writes a 32-bit word of RAM, as a stray pointer would.
+    ///
+    /// # Errors
+    /// [`Error::Emulator`] where there is no memory to write.
+    pub fn write_memory(&mut self, address: u64, word: u32) -> Result<(), Error> {
+        self.runner.call(move |halted| Memory::write(halted.host, address, Width::W32, u64::from(word)))??;
+        Ok(())
+    }
+
+    /// Puts the instruction `code` (16 bits) at `address` in flash in place of what is there, and returns that.
+    ///
+    /// # Errors
+    /// [`Error::Emulator`] where there is no flash.
+    pub fn patch(&mut self, address: u64, code: u16) -> Result<u16, Error> {
+        let before = self.runner.call(move |halted| {
+            let before = Memory::read(halted.host, address, Width::W16)?;
+            Memory::program(halted.host, address, Width::W16, u64::from(code))?;
+            Ok::<_, rigless::emulator::Error>(before as u16)
+        })??;
+        Ok(before)
+    }
+
     /// Puts `bytes` into flash at `address`, as a programmer would.
     fn program(&mut self, address: u64, bytes: &[u8]) -> Result<(), Error> {
         let bytes = bytes.to_vec();

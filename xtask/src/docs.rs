@@ -2,12 +2,12 @@
 
 use anyhow::{Context, Result};
 
-use crate::parameter_page;
+use crate::{fault_page, parameter_page};
 
 /// Where a page is, and what makes it.
 type Page = (&'static str, fn() -> String);
 
-const PAGES: [Page; 1] = [("docs/parameters.md", parameter_page::parameters)];
+const PAGES: [Page; 2] = [("docs/faults.md", fault_page::faults), ("docs/parameters.md", parameter_page::parameters)];
 
 /// Writes every page anew and says which ones have changed.
 ///

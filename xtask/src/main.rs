@@ -11,6 +11,8 @@ mod bench;
 mod demo;
 mod docs;
 mod embedded;
+mod endurance;
+mod fault_page;
 mod firmware;
 mod fuzz;
 mod host;
@@ -48,6 +50,8 @@ enum Word {
     },
     /// Measure: instructions of the control loops, speed of the virtual board
     Bench(bench::Options),
+    /// Run the long forms of tests: an hour of motion, a thousand million random ticks
+    Endurance(endurance::Options),
     /// Look for bytes that break what reads them: serial frames, flash, encoder line, stage file
     Fuzz(fuzz::Options),
     /// Write the pages of docs/ that are made from tables in code
@@ -81,6 +85,7 @@ fn run(word: Word, directory: &Path) -> Result<()> {
         Word::Qemu { bless: false } => qemu::run(),
         Word::Qemu { bless: true } => qemu::bless(),
         Word::Bench(options) => bench::run(&options.seen_from(directory)),
+        Word::Endurance(options) => endurance::run(&options),
         Word::Fuzz(options) => fuzz::run(&options.seen_from(directory)),
         Word::Docs => docs::write(),
         Word::Setup { dry_run } => setup::all(dry_run),

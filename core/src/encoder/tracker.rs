@@ -6,6 +6,11 @@ use crate::position::Position;
 /// Consecutive bad frames after which the encoder counts as lost.
 pub const LOST_AFTER: u8 = 3;
 
+/// Equal readings in a row after a movement that count as a frozen encoder; at rest it takes more.
+pub const FROZEN_AFTER: u16 = 3;
+/// A last movement of so many counts in a tick was motion, not noise: 0.5 mm/s with 61 pm counts. No stage stops from it to the count.
+const MOTION_CT: u32 = 1024;
+
 /// What one frame did to the position.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Update {
@@ -27,7 +32,8 @@ pub enum Cause {
 }
 
 /// Extends the encoder's 32-bit reading to `i64` and bridges short losses.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Tracker {
     position: Position,
     /// Position at `raw`, the last good reading.
@@ -37,6 +43,10 @@ pub struct Tracker {
     alive: bool,
     bad_total: u32,
     warning: bool,
+    /// Readings equal to the one before.
+    same: u16,
+    /// The last movement that was none of those, counts.
+    moved_ct: i32,
 }
 
 impl Tracker {
@@ -57,6 +67,18 @@ impl Tracker {
         self.bad_total
     }
 
+    /// Readings in a row that were equal to the one before, to the count.
+    #[inline]
+    pub fn same_readings(&self) -> u16 {
+        self.same
+    }
+
+    /// Before them, the stage was measurably moving.
+    #[inline]
+    pub fn was_moving(&self) -> bool {
+        self.moved_ct.unsigned_abs() >= MOTION_CT
+    }
+
     /// The encoder's warning bit of the last good frame.
     pub fn warning(&self) -> bool {
         self.warning
@@ -72,8 +94,14 @@ impl Tracker {
             Ok(Reading { error: false, counts, warning }) => {
                 let moved_ct = counts.wrapping_sub(self.raw) as i32;
                 self.measured = if self.is_valid() {
+                    if moved_ct == 0 {
+                        self.same = self.same.saturating_add(1);
+                    } else {
+                        (self.same, self.moved_ct) = (0, moved_ct);
+                    }
                     self.measured.plus(i64::from(moved_ct))
                 } else {
+                    (self.same, self.moved_ct) = (0, 0);
                     Position(i64::from(counts) - i64::from(origin))
                 };
                 self.position = self.measured;
@@ -153,6 +181,20 @@ mod tests {
             assert_eq!(tracker.position(), Position(300));
             tracker.update(frame(ORIGIN + 410), ORIGIN);
             assert_eq!(tracker.position(), Position(410));
+        }
+    }
+
+    #[test]
+    fn equal_readings_are_counted_and_what_came_before_tells_motion_from_rest() {
+        for (step, moving) in [(1, false), (1023, false), (1024, true), (0u32.wrapping_sub(1024), true)] {
+            let mut tracker = fed([ORIGIN, ORIGIN.wrapping_add(step)]);
+            assert_eq!(tracker.same_readings(), 0);
+            for n in 1..5 {
+                tracker.update(frame(ORIGIN.wrapping_add(step)), ORIGIN);
+                assert_eq!((tracker.same_readings(), tracker.was_moving()), (n, moving), "{step}");
+            }
+            tracker.update(frame(ORIGIN.wrapping_add(step + 1)), ORIGIN);
+            assert_eq!(tracker.same_readings(), 0);
         }
     }
 

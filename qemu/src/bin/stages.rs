@@ -14,7 +14,7 @@ use servo_core::compensator::Situation;
 use servo_core::compensator::niasa::OnDahl;
 use servo_core::config::Config;
 use servo_core::current::{CurrentLoop, Demand};
-use servo_core::drive::{Command, Drive, Inputs};
+use servo_core::drive::{Drive, Inputs};
 use servo_core::position::Position;
 use servo_core::profile::{Profile, Setpoint};
 use servo_core::record::{TickRecord, flags};
@@ -46,17 +46,10 @@ fn run() -> Result<Digest, Failure> {
         }
         let command = script::command(number)?;
         let was_on = drive.state().has_torque();
-        if matches!(command, Some(Command::ResetFault)) {
+        if command.as_ref().is_some_and(|command| drive.is_reset(command)) {
             current.clear_trip();
         }
-        let inputs = Inputs {
-            frame: tick.sample.frame,
-            iq_a: current.iq_a(),
-            over_current: current.is_tripped(),
-            bus_code: tick.sample.bus_code,
-            bridge_fault: tick.sample.bridge_fault,
-            last_tick_cycles: tick.sample.last_tick_cycles,
-        };
+        let inputs = Inputs::new(&tick.sample, &current);
         let output = regions::servo_tick(&mut drive, &inputs, command.as_ref());
         let k = drive.config().current;
         let bridge = regions::current_loop(&mut current, &k, &output.demand, tick.sample.phases, 0);

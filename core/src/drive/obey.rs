@@ -1,0 +1,201 @@
+//! What the drive does with a command.
+
+use super::{Command, Drive, Outcome};
+use crate::compensator::{Compensator, Memory};
+use crate::config::Config;
+use crate::encoder::tracker::Tracker;
+use crate::position::Position;
+use crate::profile::{Limits, Profile};
+use crate::refusal::{Field, Refusal};
+use crate::state::{ControlWord, Request, State};
+
+impl Drive {
+    /// Whether a command acknowledges the fault: the command for it, or the rising edge of the controlword's bit 7, and both in
+    /// state Fault only. A fault of the same tick, or one that still brakes, is never acknowledged unseen.
+    pub fn is_reset(&self, command: &Command) -> bool {
+        if self.state != State::Fault {
+            return false;
+        }
+        match command {
+            Command::ResetFault => true,
+            Command::Control(word) => word.fault_reset() && !self.control_word.fault_reset(),
+            _ => false,
+        }
+    }
+
+    #[inline(never)]
+    pub(super) fn obey(&mut self, command: &Command) -> Outcome {
+        match *command {
+            Command::Enable => self.enable(),
+            Command::Disable => {
+                self.drop_request();
+                Ok(())
+            }
+            Command::ResetFault if self.state == State::FaultReactionActive => Err(Refusal::WrongState(self.state)),
+            Command::ResetFault | Command::KeepAlive => Ok(()),
+            Command::Control(word) => self.control_by(word),
+            Command::Move { target, limits } => self.start_move(target, limits),
+            Command::Stop => {
+                self.brake(self.config.acceleration_max_m_per_s2);
+                Ok(())
+            }
+            Command::BeginSave => {
+                if self.request != Request::DisableVoltage || self.torque {
+                    return Err(Refusal::WrongState(self.state));
+                }
+                self.saving = true;
+                Ok(())
+            }
+            Command::EndSave => {
+                self.saving = false;
+                Ok(())
+            }
+            Command::Compensator(compensator) => {
+                self.choose(compensator);
+                Ok(())
+            }
+            Command::Configure { ref config, needs_bridge_off } => self.configure(config, needs_bridge_off),
+        }
+    }
+
+    fn enable(&mut self) -> Outcome {
+        self.may_enable()?;
+        self.climbing = self.state != State::OperationEnabled;
+        self.request = Request::towards_enabled(self.state);
+        Ok(())
+    }
+
+    /// Whether the loops may be closed now.
+    fn may_enable(&self) -> Outcome {
+        if matches!(self.state, State::Fault | State::FaultReactionActive) {
+            return Err(Refusal::WrongState(self.state));
+        }
+        if self.saving {
+            return Err(Refusal::Saving);
+        }
+        if !self.tracker.is_valid() {
+            return Err(Refusal::NoPosition);
+        }
+        let (min, max) = (f64::from(self.config.bus_min_v), f64::from(self.config.bus_max_v));
+        Refusal::check(Field::BusVoltage, f64::from(self.bus_v), min, max)?;
+        Ok(())
+    }
+
+    /// Takes a controlword: requests, options and ramps as the standard has them.
+    fn control_by(&mut self, word: ControlWord) -> Outcome {
+        let before = core::mem::replace(&mut self.control_word, word);
+        if matches!(self.state, State::Fault | State::FaultReactionActive) {
+            return Ok(());
+        }
+        let request = word.request();
+        if request == Request::EnableOperation && !self.state.has_torque() {
+            self.may_enable()?;
+        }
+        self.climbing = false;
+        let options = self.config.options;
+        if self.state == State::OperationEnabled {
+            match request {
+                Request::QuickStop => match options.quick_stop_m_per_s2 {
+                    Some(ramp_m_per_s2) => self.brake(ramp_m_per_s2),
+                    None => {
+                        self.drop_request();
+                        return Ok(());
+                    }
+                },
+                Request::Shutdown | Request::SwitchOn => {
+                    if let Some(ramp_m_per_s2) = options.disable_m_per_s2.filter(|_| self.request != request) {
+                        self.brake(ramp_m_per_s2);
+                    }
+                }
+                Request::EnableOperation if word.halt() && !before.halt() => self.brake(options.halt_m_per_s2),
+                _ => {}
+            }
+        }
+        self.request = request;
+        Ok(())
+    }
+
+    /// Asks for the bridge to be off.
+    pub(super) fn drop_request(&mut self) {
+        self.request = Request::DisableVoltage;
+        self.climbing = false;
+    }
+
+    /// Replaces the motion under way by one that brakes it to rest.
+    pub(super) fn brake(&mut self, deceleration_m_per_s2: f32) {
+        if self.torque && !self.profile.is_done() {
+            let from = self.reference;
+            self.profile =
+                Profile::stopping(from.position, from.velocity_m_per_s, deceleration_m_per_s2, self.config.count_m);
+        }
+    }
+
+    fn start_move(&mut self, target: Position, limits: Limits) -> Outcome {
+        if self.state != State::OperationEnabled || self.request != Request::EnableOperation {
+            return Err(Refusal::WrongState(self.state));
+        }
+        if self.control_word.halt() {
+            return Err(Refusal::Halted);
+        }
+        if !self.profile.is_done() {
+            return Err(Refusal::Moving);
+        }
+        let k = &self.config;
+        if target < k.travel_min || target > k.travel_max {
+            // Metres for a person: to the picometre, so that a limit is shown as it was set.
+            let in_m = |position: Position| libm::round(position.0 as f64 * k.count_m * 1e12) / 1e12;
+            let (value, min, max) = (in_m(target), in_m(k.travel_min), in_m(k.travel_max));
+            return Err(Refusal::OutOfRange { field: Field::Target, value, min, max });
+        }
+        // The lowest: what makes the longest distance take a day, in ticks that fit their counter.
+        Refusal::check(Field::Velocity, f64::from(limits.velocity_m_per_s), 1e-6, f64::from(k.velocity_max_m_per_s))?;
+        let acceleration = f64::from(limits.acceleration_m_per_s2);
+        Refusal::check(Field::Acceleration, acceleration, 1e-9, f64::from(k.acceleration_max_m_per_s2))?;
+        if let Some(jerk) = limits.jerk_m_per_s3 {
+            Refusal::check(Field::Jerk, f64::from(jerk), 1e-6, 1e9)?;
+        }
+        self.profile = Profile::between(self.reference.position, target, limits, k.count_m);
+        // What the last move's settling took becomes the linear integrator's, or the two would drift apart move by move.
+        self.merge_integrals();
+        Ok(())
+    }
+
+    /// The next tick's force is this one's: what the old compensator gave and the new one does not give is the linear integrator's.
+    fn choose(&mut self, kind: Compensator) {
+        self.config.compensator.kind = kind;
+        self.merge_integrals();
+        (self.compensator, self.cascade.integral_n) =
+            Memory::start(kind, self.tracker.position(), self.cascade.integral_n);
+        self.absorb = true;
+    }
+
+    /// Hands the force of the compensator's integrator to the linear one; their sum stays.
+    fn merge_integrals(&mut self) {
+        self.cascade.integral_n += self.nonlinear_n;
+        self.nonlinear_n = 0.0;
+    }
+
+    fn configure(&mut self, config: &Config, needs_bridge_off: bool) -> Outcome {
+        if needs_bridge_off && self.torque {
+            return Err(Refusal::WrongState(self.state));
+        }
+        let kind = config.compensator.kind;
+        let switch = kind != self.config.compensator.kind;
+        if needs_bridge_off {
+            self.config = *config;
+        } else {
+            self.config.adopt(config);
+        }
+        self.absorb = true;
+        if switch {
+            self.choose(kind);
+        }
+        if needs_bridge_off {
+            // Origin, count or commutation may differ: begin again from the next good frame.
+            self.tracker = Tracker::default();
+            self.electrical_ct = 0;
+            self.electrical_at = self.config.commutation_zero;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,240 @@
+//! Whatever the drive is told and whatever it is shown: no torque where there may be none, no duty outside its limits, nothing that is
+//! not a number, no panic. `SERVO_RANDOM_TICKS` sets how long; a failure names the seed of its sequence.
+
+use servo_core::axis::{Axis, ServoSample};
+use servo_core::compensator::Compensator;
+use servo_core::config::Config;
+use servo_core::current::{Bridge, DUTY_MARGIN, PhaseCodes};
+use servo_core::drive::Command;
+use servo_core::fault::Reaction;
+use servo_core::parameters::{Access, Settings, TABLE};
+use servo_core::position::Position;
+use servo_core::profile::Limits;
+use servo_core::record::TickRecord;
+use servo_core::state::{ControlWord, State};
+use servo_core::{PERIODS_PER_TICK, PWM_TOP};
+use servo_sim::encoder;
+
+const DEFAULT_TICKS: u64 = 10_000_000;
+const TICKS_PER_SEQUENCE: u64 = 4_000;
+
+/// SplitMix64.
+struct Random(u64);
+
+impl Random {
+    fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let z = (self.0 ^ self.0 >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ z >> 31
+    }
+
+    /// Below `n`.
+    fn below(&mut self, n: u64) -> u64 {
+        self.next() % n
+    }
+
+    /// `0.0..1.0`.
+    fn unit(&mut self) -> f64 {
+        (self.next() >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    fn chance(&mut self, probability: f64) -> bool {
+        self.unit() < probability
+    }
+}
+
+/// Settings that the drive takes: some parameters anywhere in their range, most near their default.
+fn settings(random: &mut Random) -> Settings {
+    let mut settings = Settings::default();
+    for row in TABLE {
+        // The encoder's counts are what this test makes its frames from.
+        if row.id >> 8 == 0x01 || !random.chance(0.2) {
+            continue;
+        }
+        let (low, high) = (row.min, row.max);
+        let value = if random.chance(0.2) {
+            low + random.unit() * (high - low)
+        } else {
+            row.default * (10.0f64).powf(2.0 * random.unit() - 1.0)
+        };
+        let before = row.get(&settings);
+        row.set(&mut settings, value.clamp(low, high)).unwrap();
+        if settings.validate().is_err() {
+            row.set(&mut settings, before).unwrap();
+        }
+    }
+    // Otherwise hardly any sequence gets anywhere.
+    if random.chance(0.7) {
+        settings.following_error_max_m = 1.0;
+        settings.runaway_m_per_s = 20.0;
+    }
+    settings
+}
+
+fn limits(random: &mut Random) -> Limits {
+    let wild = [f32::NAN, f32::INFINITY, -1.0, 0.0, 1e-30, 1e30];
+    let mut pick = |usual: f32| {
+        if random.chance(0.1) { wild[random.below(6) as usize] } else { usual * random.unit() as f32 }
+    };
+    let (velocity_m_per_s, acceleration_m_per_s2, jerk) = (pick(0.5), pick(20.0), pick(1e4));
+    Limits { velocity_m_per_s, acceleration_m_per_s2, jerk_m_per_s3: (jerk > 5e3 || jerk.is_nan()).then_some(jerk) }
+}
+
+/// A command, and the settings it brings if it does.
+fn command(random: &mut Random, now: &Settings) -> (Command, Option<Settings>) {
+    let words = [0x00, 0x02, 0x06, 0x07, 0x0f, 0x0f, 0x8f, 0x80, 0x10f, random.next() as u16];
+    let command = match random.below(16) {
+        0..=4 => Command::Enable,
+        5 => Command::Disable,
+        6 | 7 => Command::ResetFault,
+        8 | 9 => Command::Control(ControlWord(words[random.below(10) as usize])),
+        10 | 11 => {
+            let target =
+                if random.chance(0.05) { random.next() as i64 } else { random.below(1 << 22) as i64 - (1 << 21) };
+            Command::Move { target: Position(target), limits: limits(random) }
+        }
+        12 => Command::Stop,
+        13 => Command::Compensator(Compensator::ALL[random.below(8) as usize]),
+        14 => Command::KeepAlive,
+        _ => {
+            let mut settings = settings(random);
+            let needs_bridge_off = random.chance(0.5);
+            if !needs_bridge_off {
+                for row in TABLE.iter().filter(|row| matches!(row.access, Access::BridgeOff)) {
+                    row.set(&mut settings, row.get(now)).unwrap();
+                }
+            }
+            let Ok(config) = Config::new(&settings) else { return (Command::KeepAlive, None) };
+            return (Command::Configure { config, needs_bridge_off }, Some(settings));
+        }
+    };
+    (command, None)
+}
+
+/// A world that mostly behaves: a carriage that drifts, currents near zero; with `trouble`, each of its signals does anything.
+struct World {
+    counts: u32,
+    speed: i32,
+    trouble: f64,
+}
+
+impl World {
+    fn phases(&mut self, random: &mut Random) -> PhaseCodes {
+        if random.chance(self.trouble) {
+            let bits = random.next();
+            return PhaseCodes { a: bits as u16, b: (bits >> 16) as u16 };
+        }
+        let bits = random.next();
+        PhaseCodes { a: 32_768 + (bits & 1023) as u16 - 512, b: 32_768 + (bits >> 16 & 1023) as u16 - 512 }
+    }
+
+    fn sample(&mut self, random: &mut Random) -> ServoSample {
+        self.speed = (self.speed + random.below(2001) as i32 - 1000).clamp(-100_000, 100_000);
+        self.counts = self.counts.wrapping_add(self.speed as u32);
+        let healthy = encoder::frame(self.counts, false, random.chance(0.01), 2);
+        let frame = match random.below(8) {
+            _ if !random.chance(3.0 * self.trouble) => healthy,
+            0 => u64::MAX,
+            1 => 0,
+            2 => random.next(),
+            3 => healthy ^ 1 << random.below(64),
+            4 => encoder::frame(random.next() as u32, false, false, 2),
+            5 => encoder::frame(self.counts, true, false, 2),
+            6 => healthy >> random.below(64),
+            _ => encoder::frame(self.counts.wrapping_sub(self.speed as u32), false, false, 2),
+        };
+        let wild = |random: &mut Random, usual: u32, trouble: f64| {
+            if random.chance(trouble) { random.next() as u32 } else { usual }
+        };
+        ServoSample {
+            phases: self.phases(random),
+            frame,
+            bus_code: wild(random, 39_321, self.trouble) as u16,
+            temperature_code: wild(random, 15_887, self.trouble) as u16,
+            signals: if random.chance(self.trouble) { random.next() as u32 & random.next() as u32 } else { 0 },
+            last_tick_cycles: wild(random, 4_000, self.trouble),
+        }
+    }
+}
+
+/// Whether the bridge may be on after a tick with this record.
+fn may_be_on(record: &TickRecord, config: &Config) -> bool {
+    match record.state {
+        State::OperationEnabled => record.fault.is_none(),
+        State::QuickStopActive => record.fault.is_none() && config.options.quick_stop_m_per_s2.is_some(),
+        State::FaultReactionActive => {
+            config.options.fault_m_per_s2.is_some() && record.fault.is_some_and(|f| f.reaction() == Reaction::MayBrake)
+        }
+        _ => false,
+    }
+}
+
+fn check_bridge(bridge: Bridge, on: bool) {
+    assert!(on || !bridge.enabled, "the bridge is on");
+    let margin = (DUTY_MARGIN * f32::from(PWM_TOP)) as u16;
+    assert!(bridge.compare.iter().all(|ct| (margin..=PWM_TOP - margin).contains(ct)), "{bridge:?}");
+}
+
+/// Ticks with the bridge on.
+fn sequence(seed: u64) -> u64 {
+    let random = &mut Random(seed);
+    let mut now = settings(random);
+    let mut axis = Axis::new(Config::new(&now).unwrap());
+    let mut world = World {
+        counts: 0x8000_0000 + random.below(1 << 20) as u32,
+        speed: 0,
+        trouble: [0.0, 1e-5, 1e-4, 1e-3, 1e-2][random.below(5) as usize],
+    };
+    let mut ticks_on = 0;
+    for tick in 0..TICKS_PER_SEQUENCE {
+        let often = if tick < 100 { 0.2 } else { 0.02 };
+        let (command, brings) = if random.chance(often) {
+            let (command, brings) = command(random, &now);
+            (Some(command), brings)
+        } else {
+            (None, None)
+        };
+        let sample = world.sample(random);
+        let output = axis.on_servo(&sample, command.as_ref());
+        if let (Some(settings), Some(Ok(()))) = (brings, output.outcome) {
+            now = settings;
+        }
+        let config = axis.drive().config();
+        let record = output.record;
+        let on = may_be_on(&record, config);
+        check_bridge(output.bridge, on);
+        let force =
+            [record.proportional_n, record.integral_n, record.compensator_n, record.feedforward_n, record.force_n];
+        let other = [record.friction_n, record.slope_n_per_m, record.iq_set_a, record.iq_a, record.bus_v];
+        assert!(force.iter().chain(&other).all(|x| x.is_finite()), "tick {tick}: {record:?}");
+        assert!(record.force_n.abs() <= config.force_limit_n, "tick {tick}: {record:?}");
+        ticks_on += u64::from(output.bridge.enabled);
+        let on = output.bridge.enabled;
+        for _ in 1..PERIODS_PER_TICK {
+            let bridge = axis.on_period(world.phases(random));
+            check_bridge(bridge, on);
+        }
+    }
+    ticks_on
+}
+
+#[test]
+fn nothing_ever_gives_torque_where_there_may_be_none_or_a_number_that_is_none() {
+    let ticks: u64 = match std::env::var("SERVO_RANDOM_TICKS") {
+        Ok(ticks) => ticks.parse().expect("SERVO_RANDOM_TICKS is a number"),
+        Err(_) => DEFAULT_TICKS,
+    };
+    let mut ticks_on = 0;
+    let sequences = ticks.div_ceil(TICKS_PER_SEQUENCE);
+    for seed in 0..sequences {
+        if seed.is_multiple_of(2_500) {
+            eprintln!("sequence {seed} of {sequences}");
+        }
+        match std::panic::catch_unwind(|| sequence(seed)) {
+            Ok(on) => ticks_on += on,
+            Err(_) => panic!("sequence with seed {seed}"),
+        }
+    }
+    assert!(ticks_on > ticks / 20, "the bridge was on in only {ticks_on} ticks of {ticks}");
+}
