@@ -1,4 +1,4 @@
-//! Full-rate capture of error and force from the end of a profile on.
+//! Full-rate capture of error and force, from the end of a profile or the beginning of an excitation on.
 
 use crate::record::{TickRecord, flags};
 use crate::refusal::{Field, Refusal};
@@ -37,7 +37,7 @@ pub enum Progress {
     /// Nothing ordered.
     #[default]
     Idle,
-    /// Waiting for a profile to end.
+    /// Waiting for a profile to end or an excitation to begin.
     Armed,
     /// Samples taken so far.
     Running(u32),
@@ -60,13 +60,14 @@ pub struct Capture {
     order: Option<Order>,
     progress: Progress,
     was_moving: bool,
+    was_excited: bool,
     wait_ticks: u32,
 }
 
 impl Capture {
-    /// Starts anew: the first sample is the tick on which the next profile ends.
+    /// Starts anew: the first sample is the tick on which the next profile ends or the next excitation begins.
     pub fn arm(&mut self, order: Order) {
-        *self = Capture { order: Some(order), progress: Progress::Armed, was_moving: false, wait_ticks: 0 };
+        *self = Capture { order: Some(order), progress: Progress::Armed, ..Capture::default() };
     }
 
     /// Where it stands.
@@ -79,10 +80,11 @@ impl Capture {
     pub fn step(&mut self, record: &TickRecord) -> Option<Sample> {
         let order = self.order?;
         let moving = record.flags & flags::MOVING != 0;
-        let ended = self.was_moving && !moving;
-        self.was_moving = moving;
+        let excited = record.flags & flags::EXCITED != 0;
+        let begins = (self.was_moving && !moving) || (excited && !self.was_excited);
+        (self.was_moving, self.was_excited) = (moving, excited);
         let taken = match self.progress {
-            Progress::Armed if ended => 0,
+            Progress::Armed if begins => 0,
             Progress::Running(taken) => taken,
             _ => return None,
         };
@@ -123,6 +125,15 @@ mod tests {
         let (samples, progress) = captured(Order { samples: 3, every_ticks: 4 }, 100, 10);
         assert_eq!(samples, [(0, 10), (3, 14), (6, 18)]);
         assert_eq!(progress, Progress::Complete(3));
+    }
+
+    #[test]
+    fn it_begins_with_an_excitation() {
+        let mut capture = Capture::default();
+        capture.arm(Order { samples: 2, every_ticks: 1 });
+        let excited = |i: u32| TickRecord { flags: if i >= 7 { flags::EXCITED } else { 0 }, ..record(i, false) };
+        let taken: Vec<u32> = (0..20).filter_map(|i| capture.step(&excited(i))).map(|sample| sample.words[0]).collect();
+        assert_eq!(taken, [7, 8]);
     }
 
     #[test]

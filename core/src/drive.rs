@@ -8,6 +8,7 @@ use crate::config::Config;
 use crate::current::Demand;
 use crate::encoder::tracker::{FROZEN_AFTER, Tracker, Update};
 use crate::fault::{Fault, Reaction};
+use crate::measure::{self, Added, Excitation, Node};
 use crate::monitor::Monitor;
 use crate::position::{Position, saturate};
 use crate::profile::{Limits, Profile, Setpoint};
@@ -62,6 +63,8 @@ pub enum Command {
     Stop,
     /// Choose the compensator, without a bump.
     Compensator(Compensator),
+    /// Play an excitation, in place of one under way.
+    Excite(measure::Order),
     /// Take over new coefficients, without a bump.
     Configure {
         /// The coefficients.
@@ -139,6 +142,7 @@ pub struct Drive {
     settling: settling::Monitor,
     bus_v: f32,
     counters: Counters,
+    excitation: Excitation,
     /// The flash is being written: no torque meanwhile.
     saving: bool,
 }
@@ -173,6 +177,7 @@ impl Drive {
             settling: settling::Monitor::default(),
             bus_v: 0.0,
             counters: Counters::default(),
+            excitation: Excitation::default(),
             saving: false,
         }
     }
@@ -200,6 +205,11 @@ impl Drive {
     /// Counts since start.
     pub fn counters(&self) -> Counters {
         Counters { bad_frames: self.tracker.bad_frames(), ..self.counters }
+    }
+
+    /// What the excitation under way, or the last one, has found.
+    pub fn measured(&self) -> measure::Reading {
+        self.excitation.reading()
     }
 
     /// Mean square of the current as the thermal model has it, A².
@@ -369,6 +379,9 @@ impl Drive {
         self.climbing &= self.state != State::OperationEnabled;
         self.torque = self.state.has_torque() || (self.state == State::FaultReactionActive && braking);
         self.steady = self.state == State::OperationEnabled && self.request == Request::EnableOperation;
+        if !self.steady {
+            self.excitation.abort();
+        }
         if self.state == State::SwitchOnDisabled && !self.climbing {
             // A request that led here is spent: only a new one leads on.
             self.request = Request::DisableVoltage;
@@ -414,8 +427,18 @@ impl Drive {
         };
         let action = self.compensator.act(&k.compensator, &situation);
         let feedforward_n = k.feedforward_mass_kg * self.reference.acceleration_m_per_s2;
-        let proportional_n = terms.proportional_n * action.gain;
-        let rate_n = terms.rate_n * action.gain;
+        let mut proportional_n = terms.proportional_n * action.gain;
+        let mut rate_n = terms.rate_n * action.gain;
+        let mut linear_n = if action.replaces_integral { 0.0 } else { terms.increment_n };
+        let excited = self.excitation.is_running();
+        let mut added = Added::default();
+        if excited {
+            added = self.excitation.advance(record.position, step_ct, record.iq_a);
+            let added_n = k.cascade.velocity_n_s_per_m * added.velocity_m_per_s;
+            proportional_n += added_n;
+            rate_n += added_n;
+            linear_n += added_n * k.cascade.integral_per_tick;
+        }
 
         let mut wanted_n =
             proportional_n + (self.cascade.integral_n + self.nonlinear_n) as f32 + action.direct_n + feedforward_n;
@@ -425,12 +448,15 @@ impl Drive {
             wanted_n -= bump_n;
         }
         self.static_n = wanted_n - rate_n;
+        let before_n = wanted_n;
+        if excited {
+            wanted_n += added.force_n;
+        }
         let force_n = wanted_n.clamp(-k.force_limit_n, k.force_limit_n);
         let limited = force_n != wanted_n;
         self.force_n = force_n;
 
         // At the limit an integrator may only turn back.
-        let linear_n = if action.replaces_integral { 0.0 } else { terms.increment_n };
         if !limited || linear_n * wanted_n < 0.0 {
             self.cascade.integrate(linear_n);
         }
@@ -447,6 +473,16 @@ impl Drive {
         }
         self.was_moving = moving;
 
+        if excited {
+            match self.excitation.node() {
+                Node::Force => self.excitation.take(record.error_ct, before_n, force_n),
+                Node::Velocity => {
+                    let before = terms.proportional_n / k.cascade.velocity_n_s_per_m;
+                    self.excitation.take(record.error_ct, before, before + added.velocity_m_per_s);
+                }
+            }
+            record.flags |= flags::EXCITED;
+        }
         record.proportional_n = proportional_n;
         record.integral_n = self.cascade.integral_n as f32;
         record.compensator_n = self.nonlinear_n as f32 + action.direct_n;

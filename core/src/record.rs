@@ -22,6 +22,8 @@ pub mod flags {
     pub const BRIDGE_ON: u16 = 1 << 6;
     /// The current loop asks for more voltage than the bus gives.
     pub const VOLTAGE_LIMITED: u16 = 1 << 7;
+    /// An excitation acts.
+    pub const EXCITED: u16 = 1 << 8;
 
     /// Limits that act, apart from faults: bit, name, meaning.
     pub const LIMITS: [(u16, &str, &str); 3] = [

@@ -54,6 +54,11 @@ impl Drive {
                 self.choose(compensator);
                 Ok(())
             }
+            Command::Excite(ref order) => {
+                self.may_move()?;
+                self.excitation.begin(order, self.tracker.position());
+                Ok(())
+            }
             Command::Configure { ref config, needs_bridge_off } => self.configure(config, needs_bridge_off),
         }
     }
@@ -121,8 +126,9 @@ impl Drive {
         self.climbing = false;
     }
 
-    /// Replaces the motion under way by one that brakes it to rest.
+    /// Ends an excitation, and replaces the motion under way by one that brakes it to rest.
     pub(super) fn brake(&mut self, deceleration_m_per_s2: f32) {
+        self.excitation.abort();
         if self.torque && !self.profile.is_done() {
             let from = self.reference;
             self.profile =
@@ -130,13 +136,19 @@ impl Drive {
         }
     }
 
-    fn start_move(&mut self, target: Position, limits: Limits) -> Outcome {
+    /// Whether the stage may be made to move now.
+    fn may_move(&self) -> Outcome {
         if self.state != State::OperationEnabled || self.request != Request::EnableOperation {
             return Err(Refusal::WrongState(self.state));
         }
         if self.control_word.halt() {
             return Err(Refusal::Halted);
         }
+        Ok(())
+    }
+
+    fn start_move(&mut self, target: Position, limits: Limits) -> Outcome {
+        self.may_move()?;
         if !self.profile.is_done() {
             return Err(Refusal::Moving);
         }

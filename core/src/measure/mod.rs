@@ -9,15 +9,18 @@
 //! | [`Tone`], [`Correlator`] | one frequency of a stepped sine, and what answers at it | 5.1 |
 //! | [`Pulse`] | step and back | 5.3 |
 //! | [`Bounds`] | what ends an excitation | |
+//! | [`Excitation`] | one of them in the drive, and what it finds | |
 
 mod correlator;
 mod decaying_sine;
+mod excitation;
 mod phasor;
 mod tone;
 mod watch;
 
 pub use correlator::Correlator;
 pub use decaying_sine::{DecayingSine, MAX_PERIODS};
+pub use excitation::{Added, Excitation, Node, Order, Progress, Reading, Request, Shape};
 pub use phasor::{Complex, Phasor};
 pub use tone::{Tone, TonePart};
 pub use watch::{Bounds, Exceeded, Motion};

@@ -4,6 +4,8 @@ use core::f64::consts::TAU;
 
 /// A complex number.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Complex {
     /// Real part.
     pub re: f64,
