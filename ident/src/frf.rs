@@ -1,14 +1,14 @@
 //! What a frequency response says: margins, a second-order closed loop, mass and resonances.
 
 pub use num_complex::Complex64;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::error::{DataError, within};
 use crate::filter::median;
 use crate::linear::Normal;
 
 /// One frequency of a response.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Point {
     /// Frequency, Hz, above 0.
     pub frequency_hz: f64,
@@ -17,7 +17,7 @@ pub struct Point {
 }
 
 /// How far a loop is from instability.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Margins {
     /// Highest frequency at which the loop transmission falls through 1, Hz.
     pub crossover_hz: f64,
@@ -176,7 +176,7 @@ pub fn mass_kg(plant: &[Point], band_hz: [f64; 2]) -> Result<f64, DataError> {
 }
 
 /// A peak of a plant's response above its mass.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Resonance {
     /// Frequency, Hz.
     pub frequency_hz: f64,
