@@ -9,9 +9,11 @@
 //! - [`theory`]: chapter 7 of the thesis as functions: settling without and with mass
 //! - [`csv`]: measured columns from a file
 //! - [`thesis`]: the thesis beside the simulation: every number, figure and table, with a verdict
+//! - [`commission`]: from an unknown stage to a tuned axis, step by step
 //! - [`cli`]: the command line, a module per sub-command
 
 pub mod cli;
+pub mod commission;
 pub mod csv;
 pub mod demo_report;
 pub mod plot;
