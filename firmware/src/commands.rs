@@ -165,10 +165,8 @@ impl Commands {
 
     /// Tells the drive how a save has ended: with the next request, because nobody but a request can ask for torque.
     async fn tell_of_save(&mut self) {
-        if self.storage.has_news() {
-            if self.commander.execute(Command::EndSave).await.is_ok() {
-                self.storage.told();
-            }
+        if self.storage.has_news() && self.commander.execute(Command::EndSave).await.is_ok() {
+            self.storage.told();
         }
     }
 

@@ -75,7 +75,7 @@ pub fn command(tick: u32) -> Result<Option<Command>, Refusal> {
         4_620..4_790 if tick.is_multiple_of(20) => {
             Command::Compensator(Compensator::ALL[(tick as usize - 4_620) / 20 % 8])
         }
-        4_620..4_790 if tick % 20 == 1 => go(Position(if tick % 40 == 1 { 15_120_000 } else { 15_136_384 }), 0.5, 10.0),
+        4_620..4_790 if tick % 20 == 1 => go(Position(if tick % 40 == 1 { 16_340_000 } else { 16_356_384 }), 0.5, 10.0),
         4_800 => Command::Disable,
         _ => return Ok(None),
     }))

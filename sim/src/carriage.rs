@@ -16,14 +16,9 @@ use crate::stage::encoder::{Kind, SinCos};
 pub struct Carriage {
     stage: Stage,
     seed: u64,
-    position_m: f64,
-    velocity_m_per_s: f64,
+    motion: Motion,
     /// Force from outside on the mass, N.
     external_n: f64,
-    /// Displacement that the friction has not been told of: its force is taken in the middle of a step.
-    untold_m: f64,
-    /// The time it took.
-    untold_s: f64,
     friction: Friction,
     /// σ (N/m) and F_C (N) of the move.
     drawn: [f64; 2],
@@ -31,8 +26,19 @@ pub struct Carriage {
     sincos_noise: Noise,
     /// Edges that the comparators of sine and cosine have counted.
     edges: i64,
+}
+
+/// Where the mass is and how it moves: few enough numbers to stay in registers over the internal steps of a period.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+struct Motion {
+    position_m: f64,
+    velocity_m_per_s: f64,
     /// In the last step.
     acceleration_m_per_s2: f64,
+    /// Displacement that the friction has not been told of: its force is taken in the middle of a step.
+    untold_m: f64,
+    /// The time it took.
+    untold_s: f64,
 }
 
 impl Carriage {
@@ -41,17 +47,13 @@ impl Carriage {
         Carriage {
             stage: *stage,
             seed,
-            position_m: 0.0,
-            velocity_m_per_s: 0.0,
+            motion: Motion::default(),
             external_n: 0.0,
-            untold_m: 0.0,
-            untold_s: 0.0,
             friction: Friction::new(&stage.friction),
             drawn: [stage.friction.stiffness_n_per_m, stage.friction.coulomb_n],
             encoder_noise: Noise::new(seed, Purpose::Encoder, BEFORE_FIRST_MOVE),
             sincos_noise: Noise::new(seed, Purpose::SinCosAdc, BEFORE_FIRST_MOVE),
             edges: 0,
-            acceleration_m_per_s2: 0.0,
         }
     }
 
@@ -83,39 +85,28 @@ impl Carriage {
     #[inline]
     pub fn advance(&mut self, step: &Step, steps: u32, from_n: f64, to_n: f64) {
         let rise_n = (to_n - from_n) / f64::from(steps);
-        let mut force_n = from_n + 0.5 * rise_n;
+        let mut force_n = from_n + 0.5 * rise_n + self.external_n;
+        let mut motion = self.motion;
         for _ in 0..steps {
-            self.drift(step);
-            self.kick(step, force_n);
-            self.drift(step);
+            motion.drift(step);
+            motion.kick(step, &mut self.friction, force_n);
+            motion.drift(step);
             force_n += rise_n;
         }
+        self.motion = motion;
     }
 
     /// Moves for half a step with the present velocity; a hard stop takes the velocity away.
     #[inline]
     pub fn drift(&mut self, step: &Step) {
-        let mut moved_m = self.velocity_m_per_s * step.half_s;
-        if (self.position_m + moved_m).abs() > step.end_m {
-            moved_m = step.end_m.copysign(moved_m) - self.position_m;
-            self.velocity_m_per_s = 0.0;
-        }
-        self.position_m += moved_m;
-        self.untold_m += moved_m;
-        self.untold_s += step.half_s;
+        self.motion.drift(step);
     }
 
     /// Changes the velocity by a whole step of `force_n` and of the friction where the carriage is now: between two
     /// [`Carriage::drift`]s, a step of second order.
     #[inline]
     pub fn kick(&mut self, step: &Step, force_n: f64) {
-        let (dx_m, dt_s) = (std::mem::take(&mut self.untold_m), std::mem::take(&mut self.untold_s));
-        let force_n = force_n + self.external_n;
-        let stopping_n = force_n + step.n_s_per_m * self.velocity_m_per_s;
-        let friction_n = self.friction.resist(dx_m, dt_s, stopping_n);
-        let before_m_per_s = self.velocity_m_per_s;
-        self.velocity_m_per_s = step.glide * before_m_per_s + step.m_per_n_s * (force_n - friction_n);
-        self.acceleration_m_per_s2 = step.per_s * (self.velocity_m_per_s - before_m_per_s);
+        self.motion.kick(step, &mut self.friction, force_n + self.external_n);
     }
 
     /// What the encoder tells of the position a latency ago, with the noise of one reading, as 64 bits: the line bits of a BiSS-C
@@ -142,7 +133,7 @@ impl Carriage {
     fn sincos(&mut self, signals: &SinCos) -> sincos::Reading {
         let period_m = self.stage.encoder.count_m * sincos::PERIOD_CT;
         let periods = self.seen_m() / period_m;
-        let counted = periods + signals.counter_late_s * self.velocity_m_per_s / period_m;
+        let counted = periods + signals.counter_late_s * self.motion.velocity_m_per_s / period_m;
         self.edges = sincos::count(signals, self.edges, counted);
         let pins = sincos::pins(signals, periods, self.stage.adc.noise_lsb_rms, &mut self.sincos_noise);
         sincos::Reading { pins, edges: self.edges }
@@ -153,7 +144,8 @@ impl Carriage {
     fn seen_m(&mut self) -> f64 {
         let scale = &self.stage.encoder;
         let ago_s = scale.latency_s;
-        let seen_m = self.position_m - ago_s * (self.velocity_m_per_s - 0.5 * ago_s * self.acceleration_m_per_s2);
+        let motion = &self.motion;
+        let seen_m = motion.position_m - ago_s * (motion.velocity_m_per_s - 0.5 * ago_s * motion.acceleration_m_per_s2);
         seen_m + scale.noise_m_rms * self.encoder_noise.normal()
     }
 
@@ -170,18 +162,18 @@ impl Carriage {
     /// True position, m, 0 in mid-travel.
     #[inline]
     pub fn position_m(&self) -> f64 {
-        self.position_m
+        self.motion.position_m
     }
 
     /// True velocity, m/s.
     #[inline]
     pub fn velocity_m_per_s(&self) -> f64 {
-        self.velocity_m_per_s
+        self.motion.velocity_m_per_s
     }
 
     /// Gives the carriage a velocity, m/s: a push that takes no time.
     pub fn set_velocity(&mut self, velocity_m_per_s: f64) {
-        self.velocity_m_per_s = velocity_m_per_s;
+        self.motion.velocity_m_per_s = velocity_m_per_s;
     }
 
     /// From now on something pushes the carriage with this force, N.
@@ -198,6 +190,36 @@ impl Carriage {
     pub fn friction_n(&self) -> f64 {
         self.friction.force_n()
     }
+}
+
+impl Motion {
+    #[inline]
+    fn drift(&mut self, step: &Step) {
+        let mut moved_m = self.velocity_m_per_s * step.half_s;
+        if (self.position_m + moved_m).abs() > step.end_m {
+            (moved_m, self.velocity_m_per_s) = against_the_end(step.end_m, moved_m, self.position_m);
+        }
+        self.position_m += moved_m;
+        self.untold_m += moved_m;
+        self.untold_s += step.half_s;
+    }
+
+    #[inline]
+    fn kick(&mut self, step: &Step, friction: &mut Friction, force_n: f64) {
+        let (dx_m, dt_s) = (std::mem::take(&mut self.untold_m), std::mem::take(&mut self.untold_s));
+        let stopping_n = force_n + step.n_s_per_m * self.velocity_m_per_s;
+        let friction_n = friction.resist(dx_m, dt_s, stopping_n);
+        let before_m_per_s = self.velocity_m_per_s;
+        self.velocity_m_per_s = step.glide * before_m_per_s + step.m_per_n_s * (force_n - friction_n);
+        self.acceleration_m_per_s2 = step.per_s * (self.velocity_m_per_s - before_m_per_s);
+    }
+}
+
+/// Displacement as far as the hard stop, m, and the velocity there. A function of its own, so that the velocity of a carriage that is
+/// elsewhere does not wait for the comparison.
+#[cold]
+fn against_the_end(end_m: f64, moved_m: f64, position_m: f64) -> (f64, f64) {
+    (end_m.copysign(moved_m) - position_m, 0.0)
 }
 
 /// What is the same in every internal step of one length.

@@ -233,7 +233,7 @@ fn a_silent_host_turns_the_bridge_off() {
 
 #[test]
 fn a_processor_too_slow_for_the_tick_is_an_overrun() {
-    let config = Config { instructions_per_second: NonZeroU64::new(40_000_000).unwrap(), ..Config::default() };
+    let config = Config { instructions_per_second: NonZeroU64::new(40_000_000).unwrap(), ..common::config() };
     let mut board = VirtualBoard::boot(&common::elf(), &config).unwrap();
     board.run_for(6 * common::BOOT).unwrap();
     let mut link = Link::new();

@@ -2,7 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::Result;
+use anyhow::{Context, Result};
+use serde_json::Value;
 
 use crate::{firmware, host, process, qemu};
 
@@ -12,7 +13,8 @@ pub struct Options {
     /// Virtual seconds to run on the virtual board
     #[arg(long, default_value_t = 2)]
     seconds: u32,
-    /// Write the instruction counts as JSON (`-` for standard output)
+    /// Write instruction counts and the speed of the experiments as JSON (`-` for standard output: nothing else
+    /// is measured then)
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
@@ -24,20 +26,44 @@ impl Options {
     }
 }
 
+/// Where the speed of the experiments is left beside its table.
+const SPEED: &str = "out/speed.json";
+
 /// Prints the instruction counts of the control loops, how fast the experiments run on this computer, and how fast the firmware
 /// runs on the virtual board.
 ///
 /// # Errors
-/// When a build or a measurement fails.
+/// When a build or a measurement fails, or a file cannot be written.
 pub fn run(options: &Options) -> Result<()> {
-    qemu::report(options.json.as_deref())?;
-    if options.json.as_deref() == Some(Path::new("-")) {
-        return Ok(());
-    }
+    const LABEL: &str = "the speed of the experiments";
+    let for_programs = options.json.as_deref() == Some(Path::new("-"));
+    let (table, counts) = qemu::report()?;
     let mut speed = host::cargo("run");
-    speed.args(["--quiet", "--release", "--package", "servo-host-tests", "--example", "speed"]);
-    process::run(&mut speed, "the speed of the experiments")?;
+    speed.args(["--quiet", "--release", "--package", "servo-host-tests", "--example", "speed", "--"]);
+    let experiments = if for_programs {
+        process::capture(speed.arg("-"), LABEL)?
+    } else {
+        print!("{table}");
+        process::run(speed.arg(SPEED), LABEL)?;
+        std::fs::read_to_string(SPEED).with_context(|| format!("reading {SPEED}"))?
+    };
+    let results = format!("{:#}\n", results(counts, &experiments)?);
+    match &options.json {
+        Some(_) if for_programs => {
+            print!("{results}");
+            return Ok(());
+        }
+        Some(file) => std::fs::write(file, results).with_context(|| format!("writing {}", file.display()))?,
+        None => {}
+    }
     let firmware = firmware::build()?;
     let mut board = host::virtual_board("board", &firmware.elf)?;
     process::run(board.args(["--seconds", &options.seconds.to_string()]), "the virtual board")
+}
+
+/// The counts, and beside them what `speed` wrote.
+fn results(mut counts: Value, experiments: &str) -> Result<Value> {
+    counts["experiments"] =
+        serde_json::from_str(experiments).context("what the measurement of the experiments wrote")?;
+    Ok(counts)
 }

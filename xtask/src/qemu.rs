@@ -7,7 +7,7 @@ use std::path::Path;
 use std::process::Command;
 
 use anyhow::{Context, Result, ensure};
-use serde_json::json;
+use serde_json::{Value, json};
 
 use crate::toolchain::Toolchain;
 use crate::version::Version;
@@ -54,25 +54,15 @@ pub fn run() -> Result<()> {
     Ok(())
 }
 
-/// Prints the counts beside their budget without judging them, and writes them to `json` if given (`-`: to standard
-/// output, instead of the table).
+/// The counts beside their budget, not judged: as a table and as JSON, by image and region.
 ///
 /// # Errors
-/// When set-up or a build fails, host and images differ, or the file cannot be written.
-pub fn report(json: Option<&Path>) -> Result<()> {
+/// When set-up or a build fails, or host and images differ.
+pub fn report() -> Result<(String, Value)> {
     let measured = measure()?;
-    let rustc = measured.rustc.to_string();
-    let counts = || format!("{:#}\n", json!({ "rustc": rustc, "counts": measured.counts.to_json() }));
-    match json {
-        Some(file) if file == Path::new("-") => print!("{}", counts()),
-        Some(file) => std::fs::write(file, counts()).with_context(|| format!("writing {}", file.display()))?,
-        None => {}
-    }
-    if json != Some(Path::new("-")) {
-        let budget = Budget::parse(&read(BUDGET)?).context(BUDGET)?;
-        print!("{}", budget.compare(&measured.counts, measured.rustc)?.0);
-    }
-    Ok(())
+    let budget = Budget::parse(&read(BUDGET)?).context(BUDGET)?;
+    let table = budget.compare(&measured.counts, measured.rustc)?.0;
+    Ok((table, json!({ "rustc": measured.rustc.to_string(), "counts": measured.counts.to_json() })))
 }
 
 /// Takes bits and counts of now as those agreed upon. Caps stay as they are and still hold.
