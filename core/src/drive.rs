@@ -1,5 +1,6 @@
 //! The servo tick: everything the drive decides, 8,000 times a second.
 
+mod excite;
 mod obey;
 
 use crate::cascade;
@@ -8,7 +9,7 @@ use crate::config::Config;
 use crate::current::Demand;
 use crate::encoder::tracker::{FROZEN_AFTER, Tracker, Update};
 use crate::fault::{Fault, Reaction};
-use crate::measure::{self, Added, Excitation, Node};
+use crate::measure::{self, Excitation};
 use crate::monitor::Monitor;
 use crate::position::{Position, saturate};
 use crate::profile::{Limits, Profile, Setpoint};
@@ -207,11 +208,6 @@ impl Drive {
         Counters { bad_frames: self.tracker.bad_frames(), ..self.counters }
     }
 
-    /// What the excitation under way, or the last one, has found.
-    pub fn measured(&self) -> measure::Reading {
-        self.excitation.reading()
-    }
-
     /// Mean square of the current as the thermal model has it, A².
     pub fn heat_a2(&self) -> f32 {
         self.monitor.heat_a2()
@@ -297,6 +293,9 @@ impl Drive {
         }
         record.error_ct = self.error_ct;
         self.control(&mut record, step_ct);
+        if self.excitation.is_running() {
+            self.excite(&mut record, step_ct);
+        }
         let demand = Demand {
             enabled: true,
             iq_a: record.iq_set_a,
@@ -427,18 +426,8 @@ impl Drive {
         };
         let action = self.compensator.act(&k.compensator, &situation);
         let feedforward_n = k.feedforward_mass_kg * self.reference.acceleration_m_per_s2;
-        let mut proportional_n = terms.proportional_n * action.gain;
-        let mut rate_n = terms.rate_n * action.gain;
-        let mut linear_n = if action.replaces_integral { 0.0 } else { terms.increment_n };
-        let excited = self.excitation.is_running();
-        let mut added = Added::default();
-        if excited {
-            added = self.excitation.advance(record.position, step_ct, record.iq_a);
-            let added_n = k.cascade.velocity_n_s_per_m * added.velocity_m_per_s;
-            proportional_n += added_n;
-            rate_n += added_n;
-            linear_n += added_n * k.cascade.integral_per_tick;
-        }
+        let proportional_n = terms.proportional_n * action.gain;
+        let rate_n = terms.rate_n * action.gain;
 
         let mut wanted_n =
             proportional_n + (self.cascade.integral_n + self.nonlinear_n) as f32 + action.direct_n + feedforward_n;
@@ -448,15 +437,12 @@ impl Drive {
             wanted_n -= bump_n;
         }
         self.static_n = wanted_n - rate_n;
-        let before_n = wanted_n;
-        if excited {
-            wanted_n += added.force_n;
-        }
         let force_n = wanted_n.clamp(-k.force_limit_n, k.force_limit_n);
         let limited = force_n != wanted_n;
         self.force_n = force_n;
 
         // At the limit an integrator may only turn back.
+        let linear_n = if action.replaces_integral { 0.0 } else { terms.increment_n };
         if !limited || linear_n * wanted_n < 0.0 {
             self.cascade.integrate(linear_n);
         }
@@ -473,16 +459,6 @@ impl Drive {
         }
         self.was_moving = moving;
 
-        if excited {
-            match self.excitation.node() {
-                Node::Force => self.excitation.take(record.error_ct, before_n, force_n),
-                Node::Velocity => {
-                    let before = terms.proportional_n / k.cascade.velocity_n_s_per_m;
-                    self.excitation.take(record.error_ct, before, before + added.velocity_m_per_s);
-                }
-            }
-            record.flags |= flags::EXCITED;
-        }
         record.proportional_n = proportional_n;
         record.integral_n = self.cascade.integral_n as f32;
         record.compensator_n = self.nonlinear_n as f32 + action.direct_n;

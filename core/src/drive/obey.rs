@@ -54,11 +54,7 @@ impl Drive {
                 self.choose(compensator);
                 Ok(())
             }
-            Command::Excite(ref order) => {
-                self.may_move()?;
-                self.excitation.begin(order, self.tracker.position());
-                Ok(())
-            }
+            Command::Excite(ref order) => self.begin_excitation(order),
             Command::Configure { ref config, needs_bridge_off } => self.configure(config, needs_bridge_off),
         }
     }
@@ -137,7 +133,7 @@ impl Drive {
     }
 
     /// Whether the stage may be made to move now.
-    fn may_move(&self) -> Outcome {
+    pub(super) fn may_move(&self) -> Outcome {
         if self.state != State::OperationEnabled || self.request != Request::EnableOperation {
             return Err(Refusal::WrongState(self.state));
         }

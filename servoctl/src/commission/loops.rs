@@ -23,8 +23,8 @@ const NOISE_MAX_M: f64 = 100e-9;
 const PUSH_N: f32 = 3.0;
 const PUSH_S: f32 = 0.02;
 /// Frequencies of the stepped sine, Hz, and their number.
-const SWEEP_HZ: [f64; 2] = [20.0, 1_000.0];
-const SWEEP_POINTS: usize = 24;
+const SWEEP_HZ: [f64; 2] = [20.0, 2_000.0];
+const SWEEP_POINTS: usize = 28;
 /// Speed of the slow move that carries the sweep, m/s.
 const CARRIER_M_PER_S: f32 = 10e-3;
 /// Speed of the sweep against that of the carrier, for a stage of [`LIGHTEST_KG`]: friction keeps its direction.
@@ -41,7 +41,7 @@ const PROMINENCE_DB: f64 = 6.0;
 /// Amplitudes over which the loop has to be stable, N.
 const FAMILY_N: [f64; 4] = [8.0, 2.0, 0.5, 0.15];
 /// Frequencies at each of them.
-const FAMILY_POINTS: usize = 14;
+const FAMILY_POINTS: usize = 18;
 
 /// The time between two ticks, s.
 pub const SAMPLE_S: f64 = 1.0 / SERVO_HZ as f64;

@@ -20,6 +20,7 @@ mod link;
 mod loops;
 pub mod page;
 mod simulated;
+pub mod stages;
 mod verification;
 
 use std::collections::BTreeMap;
