@@ -5,7 +5,8 @@
 //! worst case, a position loop holds the stage where it is and *turns the vector*: a small angle is a force, `2π·K·I` newtons per
 //! turn. What the loop's integral action ends at is the angle at which no force is needed: the magnets'.
 //!
-//! While the amplitude rises from nothing, friction is the larger force and a micrometre turns the vector a long way; so the angle is
+//! First a current too small to move much goes in three directions, a third of a turn apart: with an open phase at least one of them
+//! cannot be had. While the amplitude then rises from nothing, friction is the larger force and a micrometre turns the vector a long way; so the angle is
 //! found, from wherever it starts, before the stage has moved far. Then the stage is moved a little to and fro, by turning the vector,
 //! and the angle is taken at two places, at one of them three times. The angle must change between the places as the encoder says
 //! (phases and encoder count the same way, and the stage is free), and must be the same at the same place. Anything else is refused.
@@ -49,6 +50,20 @@ pub enum Reason {
     NoCurrent,
 }
 
+impl core::fmt::Display for Reason {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            Reason::TooFar => "the stage went beyond alignment_travel_m; look for an external force",
+            Reason::Blocked => {
+                "the stage did not follow the current: it is blocked, or alignment_current_a is too small"
+            }
+            Reason::Reversed => "the stage went the wrong way: exchange two phases, or turn the encoder's direction",
+            Reason::NotRepeatable => "the angle was not the same twice: look for play, or an external force",
+            Reason::NoCurrent => "the phases did not carry the current: one is open; check the motor's wiring",
+        })
+    }
+}
+
 /// What to do until the next tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Step {
@@ -70,6 +85,16 @@ pub enum Step {
     Refused(Reason),
 }
 
+/// Directions in which the phases are tried. Whichever phase is open, one of the three has no more than a quarter of its current.
+const DIRECTIONS: u32 = 3;
+/// Ticks in each direction; the current is taken in the second half.
+const DIRECTION_TICKS: u32 = SERVO_HZ / 200;
+/// Ticks before the ramp.
+const TRIAL_TICKS: u32 = DIRECTIONS * DIRECTION_TICKS;
+/// Share of the current with which the phases are tried.
+const TRIAL: f32 = 0.01;
+/// Share of the current that the phases must carry.
+const CARRIED: f32 = 0.8;
 /// Ticks in which the amplitude rises.
 const RAMP_TICKS: u32 = 2 * SERVO_HZ;
 /// Ticks of a way between two places.
@@ -112,6 +137,8 @@ pub struct Alignment {
     found_turns: [f32; PLACES.len()],
     /// Mean of the measured amplitude so far, as a share of what was asked for.
     carried: f32,
+    /// Sum of the current in the direction that is tried, A.
+    sum_a: f32,
 }
 
 impl Alignment {
@@ -125,6 +152,7 @@ impl Alignment {
             sum_turns: 0.0,
             found_turns: [0.0; PLACES.len()],
             carried: 1.0,
+            sum_a: 0.0,
         }
     }
 
@@ -135,11 +163,14 @@ impl Alignment {
             return Step::Refused(Reason::TooFar);
         }
         self.tick += 1;
-        let rise = (self.tick as f32 / RAMP_TICKS as f32).min(1.0);
+        let Some(tick) = self.tick.checked_sub(TRIAL_TICKS) else {
+            return self.try_phases(plan, carried_a);
+        };
+        let rise = (tick as f32 / RAMP_TICKS as f32).min(1.0);
         let amps = plan.current_a * (LEAST_AMPLITUDE + (1.0 - LEAST_AMPLITUDE) * rise * rise);
         let newtons_per_turn = TAU * plan.newtons_per_amp * amps;
 
-        let (place, since) = schedule(self.tick);
+        let (place, since) = schedule(tick);
         let error_ct = reference_ct(place, since, plan.travel_max_ct) - moved_ct as f32;
         let force_n = plan.proportional_n_per_ct * error_ct + plan.derivative_n_per_ct * (error_ct - self.error_ct);
         self.error_ct = error_ct;
@@ -149,7 +180,7 @@ impl Alignment {
 
         // Slow: a current loop in trouble does not come and go in milliseconds.
         self.carried += (carried_a / amps - self.carried) / (0.1 * SERVO_HZ as f32);
-        if self.tick > RAMP_TICKS && self.carried < 0.8 {
+        if tick > RAMP_TICKS && self.carried < CARRIED {
             return Step::Refused(Reason::NoCurrent);
         }
         if let Some(place) = place {
@@ -168,6 +199,23 @@ impl Alignment {
             }
         }
         Step::Hold { turns: wrapped(turns), amps }
+    }
+
+    /// One tick of the trial: what was measured in it belongs to the tick before.
+    fn try_phases(&mut self, plan: &Plan, carried_a: f32) -> Step {
+        let amps = TRIAL * plan.current_a;
+        let since = (self.tick - 1) % DIRECTION_TICKS;
+        if since == 0 {
+            self.sum_a = 0.0;
+        } else if since > DIRECTION_TICKS / 2 {
+            self.sum_a += carried_a;
+            let measured = since - DIRECTION_TICKS / 2;
+            if since + 1 == DIRECTION_TICKS && self.sum_a < CARRIED * amps * measured as f32 {
+                return Step::Refused(Reason::NoCurrent);
+            }
+        }
+        let direction = (self.tick - 1) / DIRECTION_TICKS;
+        Step::Hold { turns: direction as f32 / DIRECTIONS as f32, amps }
     }
 
     /// What the angles say.

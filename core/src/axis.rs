@@ -15,7 +15,8 @@ use crate::record::TickRecord;
 pub struct ServoSample {
     /// Phase currents of this period.
     pub phases: PhaseCodes,
-    /// The 64 bits clocked in from the encoder, first bit in bit 63; `u64::MAX` if there was no frame.
+    /// What the encoder told. BiSS-C: the 64 bits clocked in, first bit in bit 63; `u64::MAX` if there was no frame. Sine and cosine:
+    /// [`crate::encoder::sincos::Sample::to_bits`].
     pub frame: u64,
     /// ADC code of the bus voltage.
     pub bus_code: u16,

@@ -4,12 +4,13 @@ use crate::cascade::{self, CascadeGains};
 pub use crate::compensator::Compensator;
 use crate::compensator::niasa::{self, DuringProfile, Schedule};
 use crate::compensator::{self, disturbance, feedforward, observer, scheduled};
+use crate::encoder::sincos;
 use crate::friction::{coulomb, dahl, gms, lugre, maxwell_slip, shaped_dahl, stribeck};
 use crate::parameters::Settings;
 use crate::position::Position;
 use crate::refusal::Refusal;
 use crate::settling::{TOLERANCES, TOLERANCES_NM};
-use crate::{PWM_HZ, SERVO_DT_S, current, monitor};
+use crate::{PWM_HZ, SERVO_DT_S, alignment, current, monitor};
 
 /// Everything the tick multiplies with: plain data, swapped as a whole.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -18,8 +19,14 @@ pub struct Config {
     pub count_m: f64,
     /// Encoder reading at position 0.
     pub origin: u32,
+    /// Sine and cosine; `None`: BiSS-C.
+    pub sin_cos: Option<sincos::Coefficients>,
     /// Position of electrical angle 0, counts.
     pub commutation_zero: Position,
+    /// `commutation_zero` is that of the encoder in use.
+    pub commutation_stored: bool,
+    /// How it is looked for.
+    pub alignment: alignment::Plan,
     /// Counts per electrical turn.
     pub turn_ct: i32,
     /// Turns per count.
@@ -107,12 +114,28 @@ impl Config {
             velocity_n_s_per_m: s.velocity_gain_n_s_per_m,
             integral_per_s: s.velocity_integral_per_s,
         };
+        let parallel = gains.to_parallel();
         let (proportional_v_per_a, integral_v_per_a) =
             current::Coefficients::gains(s.current_bandwidth_hz, s.phase_resistance_ohm, s.phase_inductance_h);
         Ok(Config {
             count_m,
             origin: s.encoder_origin_ct as u32,
+            sin_cos: (s.encoder_kind >= 0.5).then(|| sincos::Coefficients {
+                correction: sincos::Correction::new(&s.signals()),
+                least2: (s.sincos_amplitude_min * s.sincos_amplitude_min) as f32,
+                most2: (s.sincos_amplitude_max * s.sincos_amplitude_max) as f32,
+            }),
             commutation_zero: nearest(-s.commutation_offset_m),
+            // An incremental encoder begins somewhere else each time.
+            commutation_stored: s.encoder_kind < 0.5 && s.commutation_identity == s.encoder_identity,
+            alignment: alignment::Plan {
+                current_a: s.alignment_current_a.min(s.current_limit_a) as f32,
+                newtons_per_amp: s.force_constant_n_per_a as f32,
+                turns_per_ct: (count_m / s.magnet_pitch_m) as f32,
+                travel_max_ct: to_ct(s.alignment_travel_m).min(f64::from(i32::MAX)) as i32,
+                proportional_n_per_ct: (parallel.kp_n_per_m * count_m) as f32,
+                derivative_n_per_ct: (parallel.kd_n_s_per_m * count_m / f64::from(SERVO_DT_S)) as f32,
+            },
             turn_ct: to_ct(s.magnet_pitch_m) as i32,
             turns_per_ct: (count_m / s.magnet_pitch_m) as f32,
             current: current::Coefficients {
@@ -148,6 +171,7 @@ impl Config {
     /// Takes over what may change with the bridge on; all else is the same in both. A third less to copy in the tick than everything.
     pub fn adopt(&mut self, new: &Config) {
         self.cascade = new.cascade;
+        self.alignment = new.alignment;
         self.feedforward_mass_kg = new.feedforward_mass_kg;
         self.monitor = new.monitor;
         self.window_ct = new.window_ct;

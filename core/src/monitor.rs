@@ -200,6 +200,7 @@ impl Monitor {
             (lost == Some(Cause::Frame(FrameError::Missing)), Fault::EncoderLost),
             (lost == Some(Cause::Frame(FrameError::Crc)), Fault::EncoderChecksum),
             (lost == Some(Cause::ErrorBit), Fault::EncoderErrorBit),
+            (lost == Some(Cause::Signal), Fault::EncoderSignal),
             // Nothing stops so suddenly, and on the same count.
             (same >= frozen_after || (same > 0 && jumped), Fault::EncoderFrozen),
             (jumped, Fault::EncoderJump),

@@ -1,5 +1,7 @@
 //! Why the drive did not do what it was told: always with the name, the value and what would have been allowed.
 
+use crate::alignment::Reason;
+use crate::encoder::sincos::FitError;
 use crate::fault::Fault;
 use crate::parameters::Parameter;
 use crate::state::State;
@@ -110,6 +112,14 @@ pub enum Refusal {
     NothingStored,
     /// The drive is halted by the controlword.
     Halted,
+    /// The motor's electrical zero is not known; why the last alignment failed, if there was one.
+    NotAligned(Option<Reason>),
+    /// The motor is being aligned.
+    Aligning,
+    /// The encoder is not one with sine and cosine.
+    NoSignals,
+    /// Sine and cosine cannot be corrected.
+    Signals(FitError),
 }
 
 impl Refusal {
@@ -135,6 +145,11 @@ impl core::fmt::Display for Refusal {
             Refusal::Saving => f.write_str("parameters are being saved: wait for its end"),
             Refusal::NothingStored => f.write_str("there are no valid stored parameters: save some first"),
             Refusal::Halted => f.write_str("halted: clear the halt bit of the controlword first"),
+            Refusal::NotAligned(None) => f.write_str("the motor is not aligned with this encoder: align it first"),
+            Refusal::NotAligned(Some(reason)) => write!(f, "the motor is not aligned: {reason}"),
+            Refusal::Aligning => f.write_str("the motor is being aligned: wait for its end, or disable"),
+            Refusal::NoSignals => f.write_str("the encoder has no sine and cosine: see encoder_kind"),
+            Refusal::Signals(error) => error.fmt(f),
             Refusal::Busy => f.write_str("the drive has not yet taken the last command: send this one again"),
         }
     }

@@ -24,6 +24,8 @@ pub struct Bench {
     /// The truth.
     pub plant: Plant,
     active: BridgeState,
+    /// Phases A and B of the motor are on each other's terminals.
+    exchanged: bool,
 }
 
 impl Bench {
@@ -34,9 +36,10 @@ impl Bench {
     pub fn new(stage: &Stage, settings: &Settings, seed: u64) -> Result<Self, Refusal> {
         let dead_time_s = stage.amplifier.dead_time_s;
         Ok(Bench {
-            axis: Axis::new(Config::new(settings)?),
+            axis: Axis::new(switched_on_at_zero(Config::new(settings)?)),
             plant: Plant::new(stage, seed),
             active: BridgeState { dead_time_s, ..BridgeState::OFF },
+            exchanged: false,
         })
     }
 
@@ -106,11 +109,19 @@ impl Bench {
         self.plant.advance(PERIOD_NS, &self.active);
         self.active.enabled = next.enabled;
         self.active.duty = next.compare.map(|on| f64::from(on) / f64::from(PWM_TOP));
+        if self.exchanged {
+            self.active.duty.swap(0, 1);
+        }
     }
 
     fn phases(&mut self) -> PhaseCodes {
         let [a, b] = self.plant.phase_codes();
-        PhaseCodes { a, b }
+        if self.exchanged { PhaseCodes { a: b, b: a } } else { PhaseCodes { a, b } }
+    }
+
+    /// Wires the motor wrongly: phases A and B are on each other's terminals. The current sensors are the drive's.
+    pub fn exchange_phases_a_and_b(&mut self) {
+        self.exchanged = true;
     }
 
     /// Gives a command in the next tick and returns the answer.
@@ -142,6 +153,11 @@ impl Bench {
         assert_eq!(self.axis.drive().state(), State::OperationEnabled);
         Ok(())
     }
+}
+
+/// An incremental encoder begins at 0 where it is switched on: on the benches that is mid-travel, so that the stored electrical zero holds.
+pub(crate) fn switched_on_at_zero(config: Config) -> Config {
+    Config { commutation_stored: config.commutation_stored || config.sin_cos.is_some(), ..config }
 }
 
 fn code(fraction: f64) -> u16 {

@@ -18,7 +18,7 @@ use servo_sim::carriage::Step;
 use servo_sim::random::{BEFORE_FIRST_MOVE, Noise, Purpose};
 use servo_sim::{Carriage, Stage};
 
-use crate::bench::TICK_CYCLES;
+use crate::bench::{TICK_CYCLES, switched_on_at_zero};
 
 /// Internal steps of the carriage in a PWM period: 12.5 µs, ten in a tick.
 pub const STEPS_PER_PERIOD: u32 = 2;
@@ -47,7 +47,7 @@ impl FastBench {
     /// Settings out of range.
     pub fn new(stage: &Stage, settings: &Settings, seed: u64) -> Result<Self, Refusal> {
         Ok(FastBench {
-            drive: Drive::new(Config::new(settings)?),
+            drive: Drive::new(switched_on_at_zero(Config::new(settings)?)),
             carriage: Carriage::new(stage, seed),
             current: CurrentLoop::new(stage, settings, seed),
             step: Step::new(stage, 1.0 / f64::from(PWM_HZ * STEPS_PER_PERIOD)),

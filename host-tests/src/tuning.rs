@@ -3,10 +3,16 @@
 use std::f64::consts::TAU;
 
 use servo_core::cascade::{CascadeGains, ParallelGains};
+use servo_core::drive::Command;
 use servo_core::parameters::Settings;
+use servo_core::position::Position;
+use servo_core::profile::Limits;
 use servo_core::refusal::Refusal;
 use servo_core::{PWM_HZ, SERVO_HZ};
 use servo_sim::Stage;
+use servo_sim::stage::encoder::Kind;
+
+use crate::FastBench;
 
 /// What a position loop is tuned for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -62,17 +68,49 @@ pub fn conservative_friction(stage: &Stage) -> (f64, f64) {
 }
 
 /// Settings for a stage: its motor, encoder and friction as they are, the position loop by `tuning`, NIASA ready (τ_d 10 ms) but
-/// off.
+/// off. Sine and cosine are calibrated on a move.
 ///
 /// # Errors
 /// A stage that the drive's parameters cannot describe.
 pub fn settings(stage: &Stage, tuning: &Tuning) -> Result<Settings, Refusal> {
+    let settings = uncalibrated(stage, tuning)?;
+    if settings.encoder_kind == 0.0 { Ok(settings) } else { calibrated(stage, &settings) }
+}
+
+/// Settings with sine and cosine as they are found on a move of 0.1 mm.
+///
+/// # Errors
+/// Settings that the drive refuses, or signals that cannot be corrected.
+pub fn calibrated(stage: &Stage, settings: &Settings) -> Result<Settings, Refusal> {
+    let mut bench = FastBench::new(stage, settings, 0)?;
+    bench.enable()?;
+    bench.command(Command::CollectSignals)?;
+    let limits = Limits { velocity_m_per_s: 0.97e-3, acceleration_m_per_s2: 0.1, jerk_m_per_s3: None };
+    bench.command(Command::Move { target: Position((1e-4 / settings.encoder_count_m) as i64), limits })?;
+    for _ in 0..SERVO_HZ / 8 {
+        bench.tick(None);
+    }
+    let fit = bench.drive.signal_fit().ok_or(Refusal::NoSignals)?;
+    Ok(settings.with_signals(&fit.solve().map_err(Refusal::Signals)?))
+}
+
+/// [`settings`] with sine and cosine of the stage's amplitude and otherwise as they should be.
+///
+/// # Errors
+/// A stage that the drive's parameters cannot describe.
+pub fn uncalibrated(stage: &Stage, tuning: &Tuning) -> Result<Settings, Refusal> {
     let defaults = Settings::default();
     let gains = tuning.gains(stage.mechanics.mass_kg, stage.friction.stiffness_n_per_m, defaults.current_bandwidth_hz);
     let cascade = CascadeGains::from_parallel(gains)?;
+    let amplitude = match stage.encoder.kind {
+        Kind::BissC { .. } => None,
+        Kind::SinCos(signals) => Some(signals.amplitude),
+    };
     let (stiffness, coulomb) = conservative_friction(stage);
     let settings = Settings {
         encoder_count_m: stage.encoder.count_m,
+        encoder_kind: if amplitude.is_some() { 1.0 } else { 0.0 },
+        sincos_amplitude: amplitude.unwrap_or(defaults.sincos_amplitude),
         magnet_pitch_m: stage.motor.magnet_pitch_m,
         commutation_offset_m: stage.motor.commutation_offset_m,
         force_constant_n_per_a: stage.motor.force_constant_n_per_a,

@@ -84,7 +84,7 @@ fn limits(random: &mut Random) -> Limits {
 /// A command, and the settings it brings if it does.
 fn command(random: &mut Random, now: &Settings) -> (Command, Option<Settings>) {
     let words = [0x00, 0x02, 0x06, 0x07, 0x0f, 0x0f, 0x8f, 0x80, 0x10f, random.next() as u16];
-    let command = match random.below(16) {
+    let command = match random.below(18) {
         0..=4 => Command::Enable,
         5 => Command::Disable,
         6 | 7 => Command::ResetFault,
@@ -97,6 +97,8 @@ fn command(random: &mut Random, now: &Settings) -> (Command, Option<Settings>) {
         12 => Command::Stop,
         13 => Command::Compensator(Compensator::ALL[random.below(8) as usize]),
         14 => Command::KeepAlive,
+        15 => Command::Align,
+        16 => Command::CollectSignals,
         _ => {
             let mut settings = settings(random);
             let needs_bridge_off = random.chance(0.5);

@@ -13,6 +13,8 @@ use servo_core::config::{Compensator, Config};
 use servo_core::current::{self, Bridge, CurrentLoop, Demand, PhaseCodes};
 use servo_core::drive::{Command, Drive, Inputs, Outcome, Output};
 use servo_core::encoder::biss::{self, FrameError, Reading};
+use servo_core::encoder::sincos::{self, Interpolator};
+use servo_core::encoder::tracker::{Tracker, Update};
 use servo_core::math;
 use servo_core::profile::{Profile, Setpoint};
 use servo_core::record::{TickRecord, flags};
@@ -123,6 +125,17 @@ pub fn current_loop(
 #[inline(never)]
 pub fn biss_decode(frame: u64) -> Result<Reading, FrameError> {
     biss::decode(frame)
+}
+
+/// One sample of sine and cosine to a position.
+#[inline(never)]
+pub fn sin_cos_position(
+    tracker: &mut Tracker,
+    interpolator: &mut Interpolator,
+    k: &sincos::Coefficients,
+    sample: sincos::Sample,
+) -> Update {
+    tracker.update_sin_cos(interpolator, k, sample)
 }
 
 /// One set-point of a profile.

@@ -30,6 +30,8 @@ pub struct Motor {
     /// Force per current and voltage per velocity of a phase, N/A = V s/m: the force constant over 1.5.
     phase_constant_n_per_a: f64,
     commutation: Commutation,
+    /// A phase that carries no current: its wire is broken.
+    open_phase: Option<usize>,
 }
 
 /// What is constant while the bridge's state is: voltages, and the coefficients of a step of `dt_s`.
@@ -80,6 +82,18 @@ impl Motor {
             currents_a: [0.0; 3],
             phase_constant_n_per_a: stage.motor.force_constant_n_per_a / 1.5,
             commutation: Commutation::new(stage.motor.magnet_pitch_m, stage.motor.commutation_offset_m),
+            open_phase: None,
+        }
+    }
+
+    /// Breaks the wire of a phase (0, 1, 2: A, B, C); what flowed in it ends. `None`: all are whole.
+    pub fn set_open_phase(&mut self, phase: Option<usize>) {
+        self.open_phase = phase.filter(|k| *k < 3);
+        if let Some(k) = self.open_phase {
+            let (i, j) = ((k + 1) % 3, (k + 2) % 3);
+            let shared_a = 0.5 * (self.currents_a[i] - self.currents_a[j]);
+            self.currents_a[k] = 0.0;
+            (self.currents_a[i], self.currents_a[j]) = (shared_a, -shared_a);
         }
     }
 
@@ -113,11 +127,17 @@ impl Motor {
         let opposed = self.currents_a.map(|current_a| soft_sign(current_a * drive.per_band_a));
         let mean = (opposed[0] + opposed[1] + opposed[2]) * (1.0 / 3.0);
         let emf_v = self.phase_constant_n_per_a * velocity_m_per_s;
-        let after_a = |k: usize| {
-            let u = drive.terminal_v[k] - drive.dead_time_v * (opposed[k] - mean) - emf_v * shape[k];
-            drive.keep * self.currents_a[k] + drive.gain_a_per_v * u
-        };
-        let (a, b) = (after_a(0), after_a(1));
+        let u = |k: usize| drive.terminal_v[k] - drive.dead_time_v * (opposed[k] - mean) - emf_v * shape[k];
+        let after_a = |k: usize, u: f64| drive.keep * self.currents_a[k] + drive.gain_a_per_v * u;
+        if let Some(open) = self.open_phase {
+            // The other two in series: half of what is between them for each.
+            let (i, j) = ((open + 1) % 3, (open + 2) % 3);
+            let shared_a = after_a(i, 0.5 * (u(i) - u(j)));
+            self.currents_a[open] = 0.0;
+            (self.currents_a[i], self.currents_a[j]) = (shared_a, -shared_a);
+            return;
+        }
+        let (a, b) = (after_a(0, u(0)), after_a(1, u(1)));
         self.currents_a = [a, b, -(a + b)];
     }
 
@@ -247,6 +267,20 @@ mod tests {
                 assert!((current_a - expected_a).abs() < 1e-6, "at {position_m} m: {current_a} A, {expected_a} A");
             }
             assert!((force_n - 15.6).abs() < 1e-5, "at {position_m} m: {force_n} N");
+        }
+    }
+
+    #[test]
+    fn with_an_open_phase_the_other_two_carry_one_current_between_them() {
+        for open in 0..3 {
+            let mut motor = Motor::new(&Stage::default());
+            motor.set_open_phase(Some(open));
+            let volts = phases(4e-3, 0.0, 6.0);
+            let (motor, _) = run(motor, &bridge(duties(4e-3, 0.0, 6.0)), 4e-3, 0.0, 0.01);
+            let (i, j) = ((open + 1) % 3, (open + 2) % 3);
+            let expected_a = (volts[i] - volts[j]) / 6.0;
+            assert!((motor.currents_a()[i] - expected_a).abs() < 1e-6, "{:?}", motor.currents_a());
+            assert_eq!((motor.currents_a()[open], motor.currents_a()[j]), (0.0, -motor.currents_a()[i]));
         }
     }
 

@@ -66,6 +66,11 @@ impl Plant {
         self.carriage.drift(&step.carriage);
     }
 
+    /// [`Motor::set_open_phase`].
+    pub fn set_open_phase(&mut self, phase: Option<usize>) {
+        self.motor.set_open_phase(phase);
+    }
+
     /// From now on something pushes the carriage with this force, N.
     pub fn set_external_force_n(&mut self, external_n: f64) {
         self.carriage.set_external_force_n(external_n);

@@ -1,8 +1,10 @@
 //! What the drive does with a command.
 
-use super::{Command, Drive, Outcome};
+use super::{Command, Commutation, Drive, Outcome};
+use crate::alignment::Alignment;
 use crate::compensator::{Compensator, Memory};
 use crate::config::Config;
+use crate::encoder::sincos::Interpolator;
 use crate::encoder::tracker::Tracker;
 use crate::position::Position;
 use crate::profile::{Limits, Profile};
@@ -27,14 +29,19 @@ impl Drive {
     pub(super) fn obey(&mut self, command: &Command) -> Outcome {
         match *command {
             Command::Enable => self.enable(),
+            Command::Align => self.start_alignment(),
             Command::Disable => {
-                self.drop_request();
+                self.end_alignment();
                 Ok(())
             }
             Command::ResetFault if self.state == State::FaultReactionActive => Err(Refusal::WrongState(self.state)),
             Command::ResetFault | Command::KeepAlive => Ok(()),
             Command::Control(word) => self.control_by(word),
             Command::Move { target, limits } => self.start_move(target, limits),
+            Command::Stop if self.aligning.is_some() => {
+                self.end_alignment();
+                Ok(())
+            }
             Command::Stop => {
                 self.brake(self.config.acceleration_max_m_per_s2);
                 Ok(())
@@ -55,15 +62,44 @@ impl Drive {
                 Ok(())
             }
             Command::Excite(ref order) => self.begin_excitation(order),
+            Command::CollectSignals => {
+                if self.config.sin_cos.is_none() {
+                    return Err(Refusal::NoSignals);
+                }
+                self.interpolator.collect();
+                Ok(())
+            }
             Command::Configure { ref config, needs_bridge_off } => self.configure(config, needs_bridge_off),
         }
     }
 
     fn enable(&mut self) -> Outcome {
         self.may_enable()?;
+        self.is_aligned()?;
         self.climbing = self.state != State::OperationEnabled;
         self.request = Request::towards_enabled(self.state);
         Ok(())
+    }
+
+    fn start_alignment(&mut self) -> Outcome {
+        if self.torque || self.climbing {
+            return Err(Refusal::WrongState(self.state));
+        }
+        self.may_enable()?;
+        self.aligning = Some(Alignment::start(self.tracker.position()));
+        self.climbing = true;
+        self.request = Request::towards_enabled(self.state);
+        Ok(())
+    }
+
+    /// Whether there is an electrical zero to commutate by.
+    fn is_aligned(&self) -> Outcome {
+        match self.commutation {
+            _ if self.aligning.is_some() => Err(Refusal::Aligning),
+            Commutation::Stored | Commutation::Found(_) => Ok(()),
+            Commutation::Unknown => Err(Refusal::NotAligned(None)),
+            Commutation::Failed(reason) => Err(Refusal::NotAligned(Some(reason))),
+        }
     }
 
     /// Whether the loops may be closed now.
@@ -91,8 +127,14 @@ impl Drive {
         let request = word.request();
         if request == Request::EnableOperation && !self.state.has_torque() {
             self.may_enable()?;
+            self.is_aligned()?;
         }
         self.climbing = false;
+        if self.aligning.is_some() {
+            // A master that walks through the states by itself has something else in mind.
+            self.end_alignment();
+            return Ok(());
+        }
         let options = self.config.options;
         if self.state == State::OperationEnabled {
             match request {
@@ -136,6 +178,9 @@ impl Drive {
     pub(super) fn may_move(&self) -> Outcome {
         if self.state != State::OperationEnabled || self.request != Request::EnableOperation {
             return Err(Refusal::WrongState(self.state));
+        }
+        if self.aligning.is_some() {
+            return Err(Refusal::Aligning);
         }
         if self.control_word.halt() {
             return Err(Refusal::Halted);
@@ -201,8 +246,11 @@ impl Drive {
         if needs_bridge_off {
             // Origin, count or commutation may differ: begin again from the next good frame.
             self.tracker = Tracker::default();
-            self.electrical_ct = 0;
-            self.electrical_at = self.config.commutation_zero;
+            if config.sin_cos.is_some() {
+                self.interpolator = Interpolator::default();
+            }
+            self.begin_angle();
+            self.commutation = if config.commutation_stored { Commutation::Stored } else { Commutation::Unknown };
         }
         Ok(())
     }

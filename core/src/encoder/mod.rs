@@ -1,4 +1,5 @@
-//! From line bits to a continuous position: frame decoding ([`biss`]) and the tracker that survives bad frames ([`tracker`]).
+//! From what an encoder tells to a continuous position: frames ([`biss`]), or sine and cosine ([`sincos`]), and the tracker that
+//! survives bad ones ([`tracker`]).
 
 pub mod biss;
 pub mod sincos;

@@ -1,6 +1,7 @@
-//! A continuous position from absolute 32-bit readings, through bad frames.
+//! A continuous position from absolute 32-bit readings, or from sine and cosine, through bad ones.
 
 use super::biss::{self, FrameError, Reading};
+use super::sincos::{self, Interpolator};
 use crate::position::Position;
 
 /// Consecutive bad frames after which the encoder counts as lost.
@@ -29,9 +30,11 @@ pub enum Cause {
     Frame(FrameError),
     /// The encoder's own error bit.
     ErrorBit,
+    /// Any [`sincos::SampleError`].
+    Signal,
 }
 
-/// Extends the encoder's 32-bit reading to `i64` and bridges short losses.
+/// Extends the encoder's 32-bit reading, or its signal periods, to `i64` and bridges short losses.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Tracker {
@@ -113,6 +116,34 @@ impl Tracker {
             }
             Ok(_) => self.hold(Cause::ErrorBit),
             Err(error) => self.hold(Cause::Frame(error)),
+        }
+    }
+
+    /// Takes what was sampled of an encoder with sine and cosine instead.
+    ///
+    /// The first good sample after start, or after a loss, puts the position within half a signal period of 0: where the stage is
+    /// then, nobody knows.
+    #[inline(never)]
+    pub fn update_sin_cos(
+        &mut self,
+        interpolator: &mut Interpolator,
+        k: &sincos::Coefficients,
+        sample: sincos::Sample,
+    ) -> Update {
+        let before = self.is_valid().then_some(self.measured);
+        match interpolator.update(k, sample, before) {
+            Ok(position) => {
+                match before.map(|before| position.minus(before)) {
+                    Some(0) => self.same = self.same.saturating_add(1),
+                    Some(moved_ct) => (self.same, self.moved_ct) = (0, moved_ct),
+                    None => (self.same, self.moved_ct) = (0, 0),
+                }
+                (self.measured, self.position) = (position, position);
+                self.alive = true;
+                self.bad = 0;
+                Update::Measured
+            }
+            Err(_) => self.hold(Cause::Signal),
         }
     }
 

@@ -15,6 +15,10 @@ use servo_core::compensator::niasa::OnDahl;
 use servo_core::config::Config;
 use servo_core::current::{CurrentLoop, Demand};
 use servo_core::drive::{Drive, Inputs};
+use servo_core::encoder::sincos::{self, Interpolator};
+use servo_core::encoder::tracker::Tracker;
+use servo_core::math;
+use servo_core::parameters::Settings;
 use servo_core::position::Position;
 use servo_core::profile::{Profile, Setpoint};
 use servo_core::record::{TickRecord, flags};
@@ -73,6 +77,9 @@ struct Stages {
     cascade: cascade::State,
     niasa: OnDahl,
     settling: Monitor,
+    tracker: Tracker,
+    interpolator: Interpolator,
+    sin_cos: sincos::Coefficients,
 }
 
 impl Stages {
@@ -83,11 +90,24 @@ impl Stages {
             cascade: cascade::State::default(),
             niasa: OnDahl::relaxed(at),
             settling: Monitor::default(),
+            tracker: Tracker::default(),
+            interpolator: Interpolator::default(),
+            sin_cos: sincos::Coefficients {
+                correction: sincos::Correction::new(&Settings::default().signals()),
+                least2: 0.25,
+                most2: 2.0,
+            },
         }
     }
 
     fn follow(&mut self, config: &Config, tick: &Tick, record: &TickRecord, demand: &Demand) {
         let _ = black_box(regions::biss_decode(tick.sample.frame));
+        black_box(regions::sin_cos_position(
+            &mut self.tracker,
+            &mut self.interpolator,
+            &self.sin_cos,
+            signals(record.position),
+        ));
         if !demand.enabled {
             return;
         }
@@ -111,4 +131,12 @@ impl Stages {
         black_box(regions::niasa_act(&mut self.niasa, config, &situation));
         black_box(regions::sin_cos(demand.turns));
     }
+}
+
+/// What an encoder with sine and cosine would have told at a position.
+fn signals(position: Position) -> sincos::Sample {
+    let turns = (position.0 & 0xffff) as f32 / sincos::PERIOD_CT as f32;
+    let (sin, cos) = math::sin_cos_turns(turns);
+    let code = |share: f32| (32_768.0 + 24_576.0 * share) as u16;
+    sincos::Sample { sin: code(sin), cos: code(cos), edges: (position.0 >> 14) as u16 }
 }
