@@ -5,6 +5,7 @@ mod excite;
 mod obey;
 
 pub use align::Commutation;
+use excite::Excited;
 
 use crate::alignment::Alignment;
 use crate::cascade;
@@ -133,6 +134,8 @@ pub struct Drive {
     steady: bool,
     /// [`Command::Enable`] is on its way up.
     climbing: bool,
+    /// An excitation acts.
+    exciting: bool,
     was_moving: bool,
     /// The next tick keeps `static_n`, whatever has been changed.
     absorb: bool,
@@ -156,7 +159,6 @@ pub struct Drive {
     cascade: cascade::State,
     settling: settling::Monitor,
     counters: Counters,
-    excitation: Excitation,
     config: Config,
     compensator: Memory,
     interpolator: Interpolator,
@@ -165,6 +167,7 @@ pub struct Drive {
     aligning: Option<Alignment>,
     /// Its electrical angle, turns, and amplitude, A.
     vector: Option<[f32; 2]>,
+    excitation: Excitation,
 }
 
 impl Drive {
@@ -179,6 +182,7 @@ impl Drive {
             request: Request::default(),
             steady: false,
             climbing: false,
+            exciting: false,
             control_word: ControlWord::default(),
             monitor: Monitor::default(),
             tracker: Tracker::default(),
@@ -339,8 +343,14 @@ impl Drive {
             return Output { demand, record, outcome };
         }
         self.control(&mut record, step_ct);
-        if self.excitation.is_running() {
-            self.excite(&mut record, step_ct);
+        if self.exciting {
+            // By value: a record that is lent out would be copied in every tick.
+            let Excited { force_n, through_n } =
+                self.excite(position, step_ct, inputs.iq_a, record.proportional_n, record.force_n);
+            record.proportional_n += through_n;
+            record.force_n = force_n;
+            record.iq_set_a = force_n * self.config.amps_per_newton;
+            record.flags |= flags::EXCITED;
         }
         let demand = Demand {
             enabled: true,
@@ -445,7 +455,7 @@ impl Drive {
             && self.request == Request::EnableOperation
             && self.aligning.is_none();
         if !self.steady {
-            self.excitation.abort();
+            self.abort_excitation();
         }
         if self.state == State::SwitchOnDisabled && !self.climbing {
             // A request that led here is spent: only a new one leads on.

@@ -166,7 +166,7 @@ impl Drive {
 
     /// Ends an excitation, and replaces the motion under way by one that brakes it to rest.
     pub(super) fn brake(&mut self, deceleration_m_per_s2: f32) {
-        self.excitation.abort();
+        self.abort_excitation();
         if self.torque && !self.profile.is_done() {
             let from = self.reference;
             self.profile =
