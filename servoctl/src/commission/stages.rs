@@ -10,6 +10,7 @@ use servo_sim::random::{Noise, Purpose};
 use servo_sim::{Stage, StageError};
 
 use super::{Found, Simulated, Step, run};
+use crate::table::{Table, number};
 
 /// Ranges that mass (kg), σ (N/µm) and F_C (N) are drawn from, evenly.
 pub const RANGES: [[f64; 2]; 3] = [[0.8, 3.0], [4.0, 17.0], [0.3, 1.1]];
@@ -98,4 +99,42 @@ pub fn commission_all(
             done
         })
         .collect()
+}
+
+/// A line for each stage, and how many succeeded.
+pub fn text(all: &[Commissioned]) -> String {
+    let error = |found: Option<f64>, truth: f64| found.map_or(f64::NAN, |value| 100.0 * (value / truth - 1.0));
+    let mut table = Table::new(
+        "Commissioning of stages drawn at random, simulated; errors against the truth".to_owned(),
+        &[
+            "stage",
+            "model",
+            "mass / kg",
+            "σ / N/µm",
+            "F_C / N",
+            "mass / %",
+            "σ / %",
+            "F_C / %",
+            "NIASA faster by / %",
+            "ended",
+        ],
+    );
+    for c in all {
+        let found = &c.found;
+        table = table.row([
+            c.stage.to_string(),
+            c.model.clone(),
+            number(c.true_mass_kg, 2),
+            number(c.true_sigma_n_per_m * 1e-6, 2),
+            number(c.true_coulomb_n, 2),
+            number(error(found.mass_kg, c.true_mass_kg), 2),
+            number(error(found.sigma_n_per_m, c.true_sigma_n_per_m), 2),
+            number(error(found.coulomb_n, c.true_coulomb_n), 2),
+            number(100.0 * found.gain().unwrap_or(f64::NAN), 0),
+            c.ended.as_ref().map_or_else(String::new, |(step, why)| format!("{step:?}: {why}")),
+        ]);
+    }
+    let good = all.iter().filter(|c| c.ended.is_none()).count();
+    let unsafe_ends = all.iter().filter(|c| !c.bridge_off).count();
+    format!("{}{good} of {} stages commissioned; {unsafe_ends} ended with the bridge on\n", table.to_text(), all.len())
 }
