@@ -20,8 +20,8 @@ const INTERRUPTS: [&str; 3] = ["TIM1_UP", "ADC", "SPI1"];
 /// What they call through `dyn Control`, by parts of the mangled names; all else may have been inlined into these.
 const HOT: [&str; 2] = ["Control8on_servo", "Control9on_period"];
 
-/// Modules of the control core that only tasks call, and log formatting.
-const COLD: [&str; 7] = ["config", "parameters", "refusal", "fault", "5image", "5store", "Format"];
+/// Modules of the control core that only tasks call, log formatting, and what turns types into bytes.
+const COLD: [&str; 8] = ["config", "parameters", "refusal", "fault", "5image", "5store", "Format", "serde"];
 /// Where hot code may jump to outside of ITCM: nowhere while all is well.
 const MAY_LEAVE: [&str; 2] = ["panic", "defmt"];
 

@@ -18,6 +18,7 @@ use crate::position::Position;
 
 /// Coefficients of the procedure.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Plan {
     /// Amplitude of the vector at the end of its ramp, A.
     pub current_a: f32,
@@ -126,6 +127,7 @@ const REPEATABLE_TURNS: f32 = 3.0 / 360.0;
 
 /// The procedure under way.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Alignment {
     began_at: Position,
     tick: u32,

@@ -52,6 +52,8 @@ pub struct ServoOutput {
     pub bridge: Bridge,
     /// For the record queue.
     pub record: TickRecord,
+    /// What the drive was told, for the black box.
+    pub inputs: Inputs,
     /// The answer, if there was a command.
     pub outcome: Option<Outcome>,
     /// For the capture buffer.
@@ -115,6 +117,6 @@ impl Axis {
         self.periods = 0;
         let bridge = self.current.step(&self.drive.config().current, &self.demand, sample.phases, 0);
         let sample = self.capture.step(&output.record);
-        ServoOutput { bridge, record: output.record, outcome: output.outcome, sample }
+        ServoOutput { bridge, record: output.record, inputs, outcome: output.outcome, sample }
     }
 }

@@ -1,20 +1,46 @@
-//! Full-rate capture of error and force, from the end of a profile or the beginning of an excitation on.
+//! Full-rate capture: chosen words of the ticks' records around a trigger, into a ring that the caller keeps.
 
-use crate::record::{TickRecord, flags};
+use crate::record::{Selection, TickRecord, flags};
 use crate::refusal::{Field, Refusal};
 
-/// 32-bit words per captured sample: position error (counts), position (low 32 bits, counts), force (`f32` bits, N).
-pub const WORDS_PER_SAMPLE: u32 = 3;
+/// Most words of a record that one capture takes.
+pub const MOST_WORDS: usize = 8;
+
+/// What a capture waits for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Trigger {
+    /// Nothing: begins at once.
+    Now,
+    /// A profile begins.
+    MoveStart,
+    /// A profile ends.
+    #[default]
+    MoveEnd,
+    /// A fault is seen.
+    Fault,
+    /// The error's size reaches this many counts.
+    Error(u32),
+    /// An excitation begins.
+    Excitation,
+}
 
 /// What to capture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Order {
+    /// Words of the record, 1 to [`MOST_WORDS`].
+    pub words: Selection,
     /// Number of samples, at least 1.
     pub samples: u32,
-    /// One sample every so many ticks, `1..=80`.
+    /// How many of them are from before the trigger, less than `samples`.
+    pub before: u32,
+    /// One sample every so many ticks, `1..=80`. The trigger is looked for among samples.
     pub every_ticks: u32,
+    /// When.
+    pub trigger: Trigger,
 }
 
 impl Order {
@@ -23,7 +49,10 @@ impl Order {
     /// # Errors
     /// Names the number that is out of range.
     pub fn check(self, capacity_words: u32) -> Result<Self, Refusal> {
-        Refusal::check(Field::Samples, f64::from(self.samples), 1.0, f64::from(capacity_words / WORDS_PER_SAMPLE))?;
+        let words = self.words.count() as u32;
+        Refusal::check(Field::Signals, f64::from(words), 1.0, MOST_WORDS as f64)?;
+        Refusal::check(Field::Samples, f64::from(self.samples), 1.0, f64::from(capacity_words / words))?;
+        Refusal::check(Field::SamplesBefore, f64::from(self.before), 0.0, f64::from(self.samples - 1))?;
         Refusal::check(Field::Decimation, f64::from(self.every_ticks), 1.0, 80.0)?;
         Ok(self)
     }
@@ -37,12 +66,27 @@ pub enum Progress {
     /// Nothing ordered.
     #[default]
     Idle,
-    /// Waiting for a profile to end or an excitation to begin.
+    /// Waiting for the trigger.
     Armed,
-    /// Samples taken so far.
+    /// Triggered: so many samples are there.
     Running(u32),
-    /// All samples taken: this many.
-    Complete(u32),
+    /// All samples taken.
+    Complete(Complete),
+}
+
+/// A complete capture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Complete {
+    /// What was ordered.
+    pub order: Order,
+    /// Index in the ring of the oldest sample, samples.
+    pub oldest: u32,
+    /// How many samples are older than the trigger; fewer than ordered if it came early.
+    pub before: u32,
+    /// Tick of the trigger.
+    pub tick: u32,
 }
 
 /// A sample and where it belongs.
@@ -50,22 +94,30 @@ pub enum Progress {
 pub struct Sample {
     /// Index of the first word in the buffer.
     pub at: u32,
-    /// Words in the order of [`WORDS_PER_SAMPLE`].
-    pub words: [u32; WORDS_PER_SAMPLE as usize],
+    /// Its words.
+    pub words: [u32; MOST_WORDS],
+    /// How many of them count.
+    pub count: u32,
 }
 
-/// Decides which ticks go into the buffer; the buffer itself belongs to the caller.
+/// Decides which ticks go into the ring; the ring itself belongs to the caller.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Capture {
     order: Option<Order>,
     progress: Progress,
+    /// Index in the ring of the next sample.
+    next: u32,
+    /// Samples in the ring from before the trigger; at most those wanted.
+    held: u32,
+    trigger_tick: u32,
     was_moving: bool,
     was_excited: bool,
+    had_fault: bool,
     wait_ticks: u32,
 }
 
 impl Capture {
-    /// Starts anew: the first sample is the tick on which the next profile ends or the next excitation begins.
+    /// Starts anew.
     pub fn arm(&mut self, order: Order) {
         *self = Capture { order: Some(order), progress: Progress::Armed, ..Capture::default() };
     }
@@ -79,24 +131,49 @@ impl Capture {
     #[inline]
     pub fn step(&mut self, record: &TickRecord) -> Option<Sample> {
         let order = self.order?;
-        let moving = record.flags & flags::MOVING != 0;
+        let (moving, fault) = (record.flags & flags::MOVING != 0, record.fault.is_some());
         let excited = record.flags & flags::EXCITED != 0;
-        let begins = (self.was_moving && !moving) || (excited && !self.was_excited);
-        (self.was_moving, self.was_excited) = (moving, excited);
-        let taken = match self.progress {
-            Progress::Armed if begins => 0,
-            Progress::Running(taken) => taken,
-            _ => return None,
+        let triggered = match order.trigger {
+            Trigger::Now => true,
+            Trigger::MoveStart => moving && !self.was_moving,
+            Trigger::MoveEnd => !moving && self.was_moving,
+            Trigger::Fault => fault && !self.had_fault,
+            Trigger::Error(least_ct) => record.error_ct.unsigned_abs() >= least_ct,
+            Trigger::Excitation => excited && !self.was_excited,
         };
+        (self.was_moving, self.was_excited, self.had_fault) = (moving, excited, fault);
+        if self.progress == Progress::Armed && triggered {
+            self.progress = Progress::Running(self.held);
+            self.trigger_tick = record.sequence;
+            // The trigger is a sample, whatever the pace of those before it.
+            self.wait_ticks = 0;
+        }
         if self.wait_ticks > 0 {
             self.wait_ticks -= 1;
             return None;
         }
         self.wait_ticks = order.every_ticks - 1;
-        self.progress =
-            if taken + 1 >= order.samples { Progress::Complete(taken + 1) } else { Progress::Running(taken + 1) };
-        let words = [record.error_ct as u32, record.position.0 as u32, record.force_n.to_bits()];
-        Some(Sample { at: taken * WORDS_PER_SAMPLE, words })
+        let index = self.next;
+        self.next = if index + 1 == order.samples { 0 } else { index + 1 };
+        match self.progress {
+            Progress::Armed if order.before > 0 => self.held = (self.held + 1).min(order.before),
+            Progress::Running(taken) if taken + 1 < order.samples => self.progress = Progress::Running(taken + 1),
+            Progress::Running(_) => {
+                let (oldest, before, tick) = (self.next, self.held, self.trigger_tick);
+                self.progress = Progress::Complete(Complete { order, oldest, before, tick });
+            }
+            _ => {
+                // Nothing is stored, and the trigger is looked for in every tick.
+                (self.next, self.wait_ticks) = (index, 0);
+                return None;
+            }
+        }
+        let mut words = [0; MOST_WORDS];
+        for (word, value) in words.iter_mut().zip(order.words.of(record)) {
+            *word = value;
+        }
+        let count = order.words.count() as u32;
+        Some(Sample { at: index * count, words, count })
     }
 }
 
@@ -104,52 +181,111 @@ impl Capture {
 mod tests {
     extern crate std;
     use super::*;
+    use crate::fault::Fault;
+    use proptest::prelude::*;
+    use std::vec;
     use std::vec::Vec;
 
-    fn record(sequence: u32, moving: bool) -> TickRecord {
-        TickRecord { error_ct: sequence as i32, flags: if moving { flags::MOVING } else { 0 }, ..TickRecord::default() }
+    const ORDER: Order =
+        Order { words: Selection(1 << 3), samples: 3, before: 0, every_ticks: 1, trigger: Trigger::MoveEnd };
+
+    /// A move in these ticks, an error that counts ticks, and a fault from tick 50 on.
+    fn record(sequence: u32, moves: core::ops::Range<u32>) -> TickRecord {
+        TickRecord {
+            sequence,
+            error_ct: sequence as i32,
+            flags: if moves.contains(&sequence) { flags::MOVING } else { 0 },
+            fault: (sequence >= 50).then_some(Fault::OverCurrent),
+            ..TickRecord::default()
+        }
     }
 
-    fn captured(order: Order, ticks: u32, moving_until: u32) -> (Vec<(u32, u32)>, Progress) {
-        let mut capture = Capture::default();
+    /// Runs 200 ticks and reads the ring out in order: what the host does.
+    fn captured(order: Order, moves: core::ops::Range<u32>) -> (Vec<u32>, Progress) {
+        let (mut capture, mut ring) = (Capture::default(), vec![u32::MAX; order.samples as usize]);
         capture.arm(order);
-        let samples = (0..ticks)
-            .filter_map(|i| capture.step(&record(i, (1..moving_until).contains(&i))))
-            .map(|s| (s.at, s.words[0]))
-            .collect();
-        (samples, capture.progress())
+        for tick in 0..200 {
+            if let Some(sample) = capture.step(&record(tick, moves.clone())) {
+                ring[sample.at as usize] = sample.words[0];
+            }
+        }
+        if let Progress::Complete(complete) = capture.progress() {
+            ring.rotate_left(complete.oldest as usize);
+        }
+        (ring, capture.progress())
     }
 
     #[test]
-    fn it_begins_when_the_profile_ends_and_takes_every_nth_tick() {
-        let (samples, progress) = captured(Order { samples: 3, every_ticks: 4 }, 100, 10);
-        assert_eq!(samples, [(0, 10), (3, 14), (6, 18)]);
-        assert_eq!(progress, Progress::Complete(3));
+    fn it_takes_every_nth_tick_from_the_trigger_on() {
+        let order = Order { every_ticks: 4, ..ORDER };
+        let (samples, progress) = captured(order, 1..10);
+        assert_eq!(samples, [10, 14, 18]);
+        assert_eq!(progress, Progress::Complete(Complete { order, oldest: 0, before: 0, tick: 10 }));
     }
 
     #[test]
-    fn it_begins_with_an_excitation() {
-        let mut capture = Capture::default();
-        capture.arm(Order { samples: 2, every_ticks: 1 });
-        let excited = |i: u32| TickRecord { flags: if i >= 7 { flags::EXCITED } else { 0 }, ..record(i, false) };
-        let taken: Vec<u32> = (0..20).filter_map(|i| capture.step(&excited(i))).map(|sample| sample.words[0]).collect();
-        assert_eq!(taken, [7, 8]);
+    fn every_trigger_has_its_tick() {
+        for (trigger, tick) in [
+            (Trigger::Now, 0),
+            (Trigger::MoveStart, 5),
+            (Trigger::MoveEnd, 10),
+            (Trigger::Fault, 50),
+            (Trigger::Error(30), 30),
+        ] {
+            assert_eq!(captured(Order { trigger, ..ORDER }, 5..10).0, [tick, tick + 1, tick + 2], "{trigger:?}");
+        }
     }
 
     #[test]
-    fn without_a_move_it_waits() {
-        assert_eq!(captured(Order { samples: 3, every_ticks: 1 }, 100, 0), (Vec::new(), Progress::Armed));
+    fn what_was_before_the_trigger_is_kept() {
+        let order = Order { samples: 5, before: 2, trigger: Trigger::Error(100), ..ORDER };
+        assert_eq!(captured(order, 0..0).0, [98, 99, 100, 101, 102]);
+    }
+
+    #[test]
+    fn a_trigger_that_comes_early_leaves_more_for_after_it() {
+        let order = Order { samples: 5, before: 4, trigger: Trigger::Error(1), ..ORDER };
+        let (samples, progress) = captured(order, 0..0);
+        assert_eq!(samples, [0, 1, 2, 3, 4]);
+        assert_eq!(progress, Progress::Complete(Complete { order, oldest: 0, before: 1, tick: 1 }));
+    }
+
+    #[test]
+    fn without_a_trigger_it_waits() {
+        assert_eq!(captured(ORDER, 0..0).1, Progress::Armed);
     }
 
     #[test]
     fn orders_that_do_not_fit_are_refused() {
-        assert!(Order { samples: 100, every_ticks: 1 }.check(300).is_ok());
+        assert!(Order { samples: 300, before: 299, ..ORDER }.check(300).is_ok());
         for order in [
-            Order { samples: 101, every_ticks: 1 },
-            Order { samples: 0, every_ticks: 1 },
-            Order { samples: 1, every_ticks: 0 },
+            Order { samples: 301, ..ORDER },
+            Order { samples: 151, words: Selection(0b11), ..ORDER },
+            Order { samples: 0, ..ORDER },
+            Order { before: 3, ..ORDER },
+            Order { every_ticks: 0, ..ORDER },
+            Order { words: Selection(0), ..ORDER },
+            Order { words: Selection(0x1ff), ..ORDER },
         ] {
             assert!(order.check(300).is_err(), "{order:?}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn samples_follow_one_another_and_the_trigger_is_where_it_is_said(
+            samples in 1u32..40, before in 0u32..40, every_ticks in 1u32..3, at in 0u32..80,
+        ) {
+            let order = Order { samples, before: before.min(samples - 1), every_ticks, trigger: Trigger::Error(at), ..ORDER };
+            let (ring, progress) = captured(order, 0..0);
+            let Progress::Complete(complete) = progress else { panic!("{progress:?}") };
+            prop_assert_eq!(complete.tick, at);
+            prop_assert_eq!(ring[complete.before as usize], at);
+            // Among themselves they keep their pace on either side of the trigger.
+            let (older, newer) = ring.split_at(complete.before as usize);
+            for pair in older.windows(2).chain(newer.windows(2)) {
+                prop_assert_eq!(pair[1] - pair[0], every_ticks);
+            }
         }
     }
 }

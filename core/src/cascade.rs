@@ -61,6 +61,7 @@ impl CascadeGains {
 
 /// Cascade coefficients of the tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Coefficients {
     /// Velocity error per count of position error, m/s.
     pub position_m_per_s_per_ct: f32,
@@ -90,6 +91,7 @@ impl Coefficients {
 
 /// The loop's memory.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct State {
     /// Force of the velocity integrator, N.
     pub integral_n: f64,

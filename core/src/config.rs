@@ -14,6 +14,7 @@ use crate::{PWM_HZ, SERVO_DT_S, alignment, current, monitor};
 
 /// Everything the tick multiplies with: plain data, swapped as a whole.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Config {
     /// Metres per count.
     pub count_m: f64,

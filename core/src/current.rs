@@ -38,6 +38,7 @@ impl Bridge {
 
 /// Coefficients of the period.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Coefficients {
     /// A per ADC code.
     pub amps_per_code: f32,

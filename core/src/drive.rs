@@ -47,6 +47,7 @@ pub struct Inputs {
 
 /// What a person, or a program, can ask of the drive.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[expect(clippy::large_enum_variant, reason = "there is no allocator to box with, and a command is rare")]
 pub enum Command {
     /// Close the loops at the present position, one state per tick up to Operation enabled.
@@ -123,6 +124,7 @@ pub struct Counters {
 /// In the order of the fields: what every tick needs comes first, within the reach of a load from the drive's address, what few
 /// ticks need comes last. It saves 3 % of a tick.
 #[derive(Clone, Debug)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[repr(C)]
 pub struct Drive {
     state: State,

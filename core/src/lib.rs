@@ -19,6 +19,7 @@
 
 pub mod alignment;
 pub mod axis;
+pub mod black_box;
 pub mod capture;
 pub mod cascade;
 pub mod compensator;

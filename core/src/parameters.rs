@@ -63,6 +63,16 @@ impl Parameter {
     }
 }
 
+/// Titles of the groups of parameters, by the upper byte of their ids.
+pub const GROUPS: [(u16, &str); 6] = [
+    (0x01, "Encoder"),
+    (0x02, "Motor, power stage, supply"),
+    (0x03, "Position loop"),
+    (0x04, "Motion"),
+    (0x05, "Compensators"),
+    (0x06, "Supervision"),
+];
+
 macro_rules! parameters {
     ($($id:literal $name:ident $unit:literal [$min:expr, $max:expr] $default:expr, $access:ident, $doc:literal;)+) => {
         /// Values of all parameters, in the units of the table.

@@ -5,6 +5,7 @@ use crate::position::Position;
 
 /// The reference at one tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Setpoint {
     /// Reference position, rounded to a count.
     pub position: Position,
@@ -31,6 +32,7 @@ pub struct Limits {
 
 /// From rest to a speed: acceleration grows, stays, and falls to nothing again; without a limit of jerk it only stays.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 struct Ramp {
     /// Length of the part in which acceleration grows, and of that in which it falls, s.
     ease_s: f64,
@@ -100,6 +102,7 @@ impl Ramp {
 /// The distance covered is evaluated in closed form from the tick number (`f64`, hardware on the target), so that no error
 /// accumulates: the deceleration counts back from the target and the last set-point *is* the target.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Profile {
     start: Position,
     target: Position,

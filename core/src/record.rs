@@ -103,6 +103,92 @@ impl TickRecord {
     }
 }
 
+/// How a word of a record is read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// An unsigned number.
+    Unsigned,
+    /// A signed number.
+    Signed,
+    /// A float by its bits.
+    Float,
+}
+
+impl Kind {
+    /// The value of a word.
+    pub fn value(self, word: u32) -> f64 {
+        match self {
+            Kind::Unsigned => f64::from(word),
+            Kind::Signed => f64::from(word as i32),
+            Kind::Float => f64::from(f32::from_bits(word)),
+        }
+    }
+}
+
+/// Names of the words of a record, in their order, and how they are read. The low word of the position is read as signed: 26 cm of a
+/// 61 pm encoder.
+pub const COLUMNS: [(&str, Kind); WORDS] = [
+    ("tick", Kind::Unsigned),
+    ("position_low_ct", Kind::Signed),
+    ("position_high_ct", Kind::Signed),
+    ("error_ct", Kind::Signed),
+    ("proportional_n", Kind::Float),
+    ("integral_n", Kind::Float),
+    ("compensator_n", Kind::Float),
+    ("feedforward_n", Kind::Float),
+    ("force_n", Kind::Float),
+    ("friction_n", Kind::Float),
+    ("slope_n_per_m", Kind::Float),
+    ("iq_set_a", Kind::Float),
+    ("iq_a", Kind::Float),
+    ("bus_v", Kind::Float),
+    ("flags_and_tick_cycles", Kind::Unsigned),
+    ("fault_and_state", Kind::Unsigned),
+];
+
+/// Some words of a record: bit n is the n-th one. Bits beyond [`WORDS`] mean nothing.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Selection(pub u32);
+
+impl Selection {
+    /// Error, position and force.
+    pub const ERROR_POSITION_FORCE: Selection = Selection(1 << 1 | 1 << 3 | 1 << 8);
+
+    /// The columns with these names; `None` if one has no such name.
+    pub fn named<'a>(names: impl IntoIterator<Item = &'a str>) -> Option<Selection> {
+        names.into_iter().try_fold(Selection(0), |so_far, name| {
+            let at = COLUMNS.iter().position(|(column, _)| *column == name)?;
+            Some(Selection(so_far.0 | 1 << at))
+        })
+    }
+
+    /// Number of words.
+    #[inline]
+    pub const fn count(self) -> usize {
+        (self.0 & ((1 << WORDS) - 1)).count_ones() as usize
+    }
+
+    /// No word.
+    pub const fn is_empty(self) -> bool {
+        self.count() == 0
+    }
+
+    /// Their numbers, ascending.
+    #[inline]
+    pub fn numbers(self) -> impl Iterator<Item = usize> {
+        (0..WORDS).filter(move |number| self.0 >> number & 1 != 0)
+    }
+
+    /// Their values in `record`.
+    #[inline]
+    pub fn of(self, record: &TickRecord) -> impl Iterator<Item = u32> {
+        let words = record.words();
+        words.into_iter().enumerate().filter(move |(number, _)| self.0 >> number & 1 != 0).map(|(_, word)| word)
+    }
+}
+
 /// FNV-1a over 32-bit words: a fingerprint for comparing runs, not a checksum.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Fingerprint(pub u64);
@@ -134,6 +220,21 @@ mod tests {
         };
         assert_eq!(hash(b"foobar"), 0x8594_4171_f739_67e8);
         assert_eq!(Fingerprint::default().with(&[u32::from_le_bytes(*b"foob")]).0, hash(b"foob"));
+    }
+
+    #[test]
+    fn columns_are_named_after_the_words_that_they_read() {
+        let record = TickRecord { sequence: 9, error_ct: -7, force_n: 1.5, bus_v: 48.0, ..TickRecord::default() };
+        let chosen = Selection::named(["tick", "error_ct", "force_n", "bus_v"]).unwrap();
+        assert_eq!(chosen.count(), 4);
+        let mut values = [0.0; 4];
+        for ((value, number), word) in values.iter_mut().zip(chosen.numbers()).zip(chosen.of(&record)) {
+            *value = COLUMNS[number].1.value(word);
+        }
+        assert_eq!(values, [9.0, -7.0, 1.5, 48.0]);
+        assert_eq!(Selection::named(["error_ct", "speed"]), None);
+        assert_eq!(Selection::named(["position_low_ct", "error_ct", "force_n"]), Some(Selection::ERROR_POSITION_FORCE));
+        assert!(Selection(1 << 31).is_empty());
     }
 
     #[test]

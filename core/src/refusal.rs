@@ -31,6 +31,10 @@ pub enum Field {
     Decimation,
     /// Measured bus voltage, V.
     BusVoltage,
+    /// Number of signals of a capture.
+    Signals,
+    /// Number of samples of a capture from before its trigger.
+    SamplesBefore,
     /// Jerk of a move, m/s³.
     Jerk,
     /// Amplitude of an excitation, in the unit of what it is added to.
@@ -66,6 +70,8 @@ impl Field {
             Field::Samples => ("samples", ""),
             Field::Decimation => ("decimation", ""),
             Field::BusVoltage => ("bus voltage", "V"),
+            Field::Signals => ("signals", ""),
+            Field::SamplesBefore => ("samples before the trigger", ""),
             Field::Jerk => ("jerk", "m/s³"),
             Field::Amplitude => ("amplitude", ""),
             Field::Frequency => ("frequency", "Hz"),

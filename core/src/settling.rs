@@ -39,6 +39,7 @@ impl Settling {
 
 /// Follows the error from the end of each profile on.
 #[derive(Clone, Copy, Debug)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Monitor {
     settling: Settling,
     forward: bool,

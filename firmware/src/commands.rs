@@ -2,24 +2,29 @@
 
 use defmt::info;
 use embassy_executor::task;
-use embassy_time::{Duration, with_timeout};
+use embassy_sync::blocking_mutex::raw::ThreadModeRawMutex;
+use embassy_sync::channel::Channel;
+use embassy_time::{Duration, Timer, with_timeout};
 use embedded_io_async::{Read, Write};
 use heapless::Vec;
-use servo_board::Link;
 use servo_board::watchdog::Client;
-use servo_core::capture::{Progress, WORDS_PER_SAMPLE};
+use servo_board::{LinkReceiver, LinkSender};
+use servo_core::capture::{Complete, Progress};
 use servo_core::cascade::{CascadeGains, ParallelGains};
 use servo_core::config::{Compensator, Config};
-use servo_core::drive::{Command, Outcome};
+use servo_core::drive::Command;
 use servo_core::parameters::{Access, Parameter, Settings, TABLE};
 use servo_core::position::Position;
 use servo_core::record::flags;
-use servo_core::refusal::Refusal;
-use servo_protocol::frame::{Collector, MAX_FRAME, encode};
+use servo_core::refusal::{Field, Refusal};
+use servo_protocol::black_box::{self, Memory};
+use servo_protocol::frame::{MAX_FRAME, TooLong, encode};
 use servo_protocol::message::{BLOCK_WORDS, Identity, PARAMETERS_PER_REPLY, Reply, Request, Status};
+use servo_protocol::server::{Incoming, Server};
+use servo_protocol::stream;
 
 use crate::clients;
-use crate::drive::{Commander, Latest};
+use crate::drive::{Answer, BLACK_BOX, Commander, Latest};
 use crate::storage::Storage;
 
 /// While the line is silent, the task checks in with the watchdog this often.
@@ -39,53 +44,93 @@ pub struct Commands {
     pub storage: &'static Storage,
 }
 
+/// Frames on their way to the host, of every task.
+static OUT: Channel<ThreadModeRawMutex, Frame, 8> = Channel::new();
+
+/// A frame for the line.
+pub struct Frame {
+    bytes: [u8; MAX_FRAME],
+    length: usize,
+}
+
+impl Frame {
+    /// The frame of a reply.
+    ///
+    /// # Errors
+    /// One that is too long.
+    pub fn of(id: u32, reply: &Reply) -> Result<Frame, TooLong> {
+        let mut bytes = [0; MAX_FRAME];
+        let length = encode(id, reply, &mut bytes)?;
+        Ok(Frame { bytes, length })
+    }
+
+    /// Sends it if there is room; answers wait, streams do not.
+    pub fn try_send(self) -> bool {
+        OUT.try_send(self).is_ok()
+    }
+}
+
+/// Sends frames for ever.
+#[task]
+pub async fn send(mut tx: LinkSender) {
+    loop {
+        let frame = OUT.receive().await;
+        // What could not be sent the host misses and asks for again.
+        let _ = tx.write_all(&frame.bytes[..frame.length]).await;
+    }
+}
+
 /// Serves the link for ever.
 #[task]
-pub async fn run(link: Link, mut commands: Commands) {
+pub async fn run(mut rx: LinkReceiver, mut commands: Commands) {
     let alive = Client::register(clients::COMMANDS);
-    let (mut tx, mut rx) = link.split();
-    let mut collector = Collector::default();
+    let mut server = Server::default();
     let mut bytes = [0; 64];
-    let mut frame = [0; MAX_FRAME];
     loop {
         alive.check_in();
         let received = match with_timeout(CHECK_IN, rx.read(&mut bytes)).await {
             Ok(Ok(received)) => received,
             Ok(Err(_)) => {
-                commands.count_garbled();
+                server.count_unreadable();
                 continue;
             }
             Err(_) => continue,
         };
         for byte in &bytes[..received] {
-            match collector.push::<Request>(*byte) {
-                None => {}
-                Some(Err(_)) => commands.count_garbled(),
-                Some(Ok((id, request))) => {
-                    let reply = commands.handle(request).await;
-                    // Replies are bounded by the protocol; one that did not fit or could not be sent is one the host
-                    // misses and asks for again.
-                    if let Ok(length) = encode(id, &reply, &mut frame) {
-                        let _ = tx.write_all(&frame[..length]).await;
-                    }
+            let incoming = server.push(*byte);
+            commands.latest.unreadable_frames.set(server.unreadable());
+            let (id, reply, restart) = match incoming {
+                None => continue,
+                Some(Incoming::Repeated { id, reply }) => (id, reply, false),
+                Some(Incoming::Fresh { id, request }) => {
+                    let restart = matches!(request, Request::Restart);
+                    let reply = commands.handle(id, request).await;
+                    server.answered(id, &reply);
+                    (id, reply, restart)
                 }
+            };
+            // Replies are bounded by the protocol; one that did not fit is one the host misses and asks for again.
+            if let Ok(frame) = Frame::of(id, &reply) {
+                OUT.send(frame).await;
+            }
+            if restart && matches!(reply, Reply::Done { .. }) {
+                // What is in the queue takes less.
+                Timer::after_millis(50).await;
+                servo_board::restart();
             }
         }
     }
 }
 
 impl Commands {
-    fn count_garbled(&self) {
-        self.latest.garbled_frames.set(self.latest.garbled_frames.get().wrapping_add(1));
-    }
-
-    async fn handle(&mut self, request: Request) -> Reply {
+    async fn handle(&mut self, id: u32, request: Request) -> Reply {
         self.tell_of_save().await;
         let outcome = match request {
-            Request::Identity => return Reply::Identity(self.identity),
+            Request::Identity => return Reply::Identity(self.identity.clone()),
             Request::Status => return Reply::Status(self.status()),
             Request::Settling => return Reply::Settling(self.latest.snapshot.get().settling),
             Request::ReadCapture { first } => return Reply::Capture { first, words: self.captured(first) },
+            Request::ReadBlackBox { first } => return Reply::BlackBox { first, words: black_box_words(first) },
             Request::GetParameter(id) => match Parameter::by_id(id) {
                 Some(parameter) => return Reply::Parameter { id, value: parameter.get(&self.settings) },
                 None => Err(Refusal::UnknownParameter(id)),
@@ -108,10 +153,12 @@ impl Commands {
             Request::Compensator(compensator) => self.choose(compensator).await,
             Request::Gains(gains) => self.set_gains(gains).await,
             Request::SetParameters(values) => self.set_parameters(&values).await,
-            Request::Capture(order) => self.commander.capture(order),
+            Request::Capture(order) => self.commander.capture(order).await,
+            Request::Restart => self.keep_torque_off().await,
+            Request::Stream(order) => self.stream(id, order),
         };
         match outcome {
-            Ok(()) => Reply::Done,
+            Ok(tick) => Reply::Done { tick },
             Err(refusal) => {
                 info!("refused: {}", refusal);
                 Reply::Refused(refusal)
@@ -123,6 +170,8 @@ impl Commands {
         let record = self.latest.record.get();
         let snapshot = self.latest.snapshot.get();
         Status {
+            // The snapshot is the older of the two.
+            tick: snapshot.tick,
             state: record.state,
             fault: record.fault,
             moving: record.flags & flags::MOVING != 0,
@@ -132,19 +181,27 @@ impl Commands {
             bus_v: record.bus_v,
             counters: snapshot.counters,
             capture: snapshot.capture,
-            bad_requests: self.latest.garbled_frames.get(),
+            bad_requests: self.latest.unreadable_frames.get(),
             lost_records: snapshot.records_dropped,
+            lost_blocks: self.latest.lost_blocks.get(),
         }
     }
 
-    /// Captured words from index `first` on, as many as there are and fit a reply.
+    /// Words of a complete capture from index `first` on, as many as there are and fit a reply.
     fn captured(&self, first: u32) -> Vec<u32, BLOCK_WORDS> {
-        let samples = match self.latest.snapshot.get().capture {
-            Progress::Running(samples) | Progress::Complete(samples) => samples,
-            Progress::Idle | Progress::Armed => 0,
+        let words = match self.latest.snapshot.get().capture {
+            Progress::Complete(Complete { order, .. }) => order.samples * order.words.count() as u32,
+            _ => 0,
         };
-        let end = samples.saturating_mul(WORDS_PER_SAMPLE).min(first.saturating_add(BLOCK_WORDS as u32));
+        let end = words.min(first.saturating_add(BLOCK_WORDS as u32));
         (first..end).map_while(|index| servo_board::capture::load(index as usize)).collect()
+    }
+
+    /// Hands the order to the telemetry task, which has the records.
+    fn stream(&self, id: u32, order: stream::Order) -> Answer {
+        Refusal::check(Field::Decimation, f64::from(order.every_ticks), 1.0, 8000.0)?;
+        self.latest.stream.set(Some((id, order)));
+        Ok(self.latest.record.get().sequence)
     }
 
     /// Values from id `first` on, as many as fit a reply.
@@ -154,13 +211,18 @@ impl Commands {
     }
 
     /// Begins a save, if the drive agrees: no torque, and none until the drive has been told of the end.
-    async fn save(&mut self) -> Outcome {
+    async fn save(&mut self) -> Answer {
+        let tick = self.keep_torque_off().await?;
+        self.storage.save(self.settings);
+        Ok(tick)
+    }
+
+    /// No torque, none from now on, and the flash at rest: what a save needs as well.
+    async fn keep_torque_off(&mut self) -> Answer {
         if self.storage.is_saving() {
             return Err(Refusal::Saving);
         }
-        self.commander.execute(Command::BeginSave).await?;
-        self.storage.save(self.settings);
-        Ok(())
+        self.commander.execute(Command::BeginSave).await
     }
 
     /// Tells the drive how a save has ended: with the next request, because nobody but a request can ask for torque.
@@ -170,13 +232,13 @@ impl Commands {
         }
     }
 
-    async fn choose(&mut self, compensator: Compensator) -> Outcome {
-        self.commander.execute(Command::Compensator(compensator)).await?;
+    async fn choose(&mut self, compensator: Compensator) -> Answer {
+        let tick = self.commander.execute(Command::Compensator(compensator)).await?;
         self.settings.compensator = f64::from(compensator as u8);
-        Ok(())
+        Ok(tick)
     }
 
-    async fn set_gains(&mut self, gains: ParallelGains) -> Outcome {
+    async fn set_gains(&mut self, gains: ParallelGains) -> Answer {
         let gains = CascadeGains::from_parallel(gains)?;
         let settings = Settings {
             position_gain_per_s: gains.position_per_s,
@@ -187,7 +249,7 @@ impl Commands {
         self.configure(settings).await
     }
 
-    async fn set_parameters(&mut self, values: &[(u16, f64)]) -> Outcome {
+    async fn set_parameters(&mut self, values: &[(u16, f64)]) -> Answer {
         let mut settings = self.settings;
         for (id, value) in values {
             let parameter = Parameter::by_id(*id).ok_or(Refusal::UnknownParameter(*id))?;
@@ -197,13 +259,19 @@ impl Commands {
     }
 
     /// Swaps all coefficients at once; the settings in use stay as they are unless the drive takes the new ones.
-    async fn configure(&mut self, settings: Settings) -> Outcome {
+    async fn configure(&mut self, settings: Settings) -> Answer {
         let config = Config::new(&settings)?;
         let needs_bridge_off = TABLE
             .iter()
             .any(|row| matches!(row.access, Access::BridgeOff) && row.get(&settings) != row.get(&self.settings));
-        self.commander.execute(Command::Configure { config, needs_bridge_off }).await?;
+        let tick = self.commander.execute(Command::Configure { config, needs_bridge_off }).await?;
         self.settings = settings;
-        Ok(())
+        Ok(tick)
     }
+}
+
+/// A block of the black box.
+fn black_box_words(first: u32) -> Vec<u32, BLOCK_WORDS> {
+    let end = (black_box::WORDS as u32).min(first.saturating_add(BLOCK_WORDS as u32));
+    (first..end).map(|index| BLACK_BOX.0.load(index as usize)).collect()
 }

@@ -60,7 +60,7 @@ pub async fn run(latest: &'static Latest) {
         if now.records_dropped != before.records_dropped {
             warn!("{=u32} tick records dropped", now.records_dropped);
         }
-        let garbled = latest.garbled_frames.get();
+        let garbled = latest.unreadable_frames.get();
         if garbled != garbled_before {
             warn!("{=u32} garbled frames on the serial link", garbled);
         }

@@ -11,9 +11,11 @@ mod telemetry;
 use defmt::{error, info, warn};
 use defmt_rtt as _;
 use embassy_executor::{SpawnError, SpawnToken, Spawner};
+use heapless::String;
 use servo_core::axis::Axis;
 use servo_core::config::Config;
 use servo_protocol::message::{Identity, PROTOCOL};
+use servo_protocol::program::Fingerprint;
 use static_cell::StaticCell;
 
 use crate::commands::Commands;
@@ -53,21 +55,26 @@ async fn main(spawner: Spawner) {
         Ok(config) => config,
         Err(refusal) => return error!("not started: {}", refusal),
     };
-    let (in_interrupts, commander, reports) = drive::split(Axis::new(config));
+    let (in_interrupts, commander, reports) = drive::split(Axis::new(config), VERSION);
     static LATEST: StaticCell<Latest> = StaticCell::new();
     let latest: &'static Latest = LATEST.init(Latest::default());
 
     if let Err(fault) = board.power_stage.start(in_interrupts) {
         error!("control loop not started: {}", fault);
     }
+    let program = servo_board::program().iter().fold(Fingerprint::default(), |so_far, part| so_far.with(part));
     let identity = Identity {
         protocol: PROTOCOL,
         firmware: VERSION,
-        count_fm: (settings.encoder_count_m * 1e15 + 0.5) as u64,
+        program: program.0,
+        board: String::try_from(servo_board::NAME).unwrap_or_default(),
         serial: board.serial,
     };
     match board.link {
-        Ok(link) => spawn(&spawner, commands::run(link, Commands { identity, settings, commander, latest, storage })),
+        Ok((tx, rx)) => {
+            spawn(&spawner, commands::send(tx));
+            spawn(&spawner, commands::run(rx, Commands { identity, settings, commander, latest, storage }));
+        }
         Err(error) => error!("no serial link: {}", error),
     }
     spawn(&spawner, storage::run(flash, store, storage));

@@ -1,12 +1,15 @@
-//! Telemetry: the record queue drained, decimated records and every change of state in the log.
+//! Telemetry: the record queue drained, decimated records and every change of state in the log, chosen words in a stream.
 
-use defmt::{error, info};
+use defmt::{error, info, warn};
 use embassy_time::{Duration, Ticker};
 use servo_board::watchdog::Client;
 use servo_core::record::TickRecord;
+use servo_protocol::message::Reply;
+use servo_protocol::stream::Packer;
 
 use crate::clients;
-use crate::drive::{Latest, Reports};
+use crate::commands::Frame;
+use crate::drive::{BLACK_BOX, Latest, Reports};
 
 /// Time between two visits to the queue; it holds three times as much.
 const VISIT: Duration = Duration::from_millis(5);
@@ -19,14 +22,33 @@ pub async fn run(mut reports: Reports, latest: &'static Latest) {
     let alive = Client::register(clients::TELEMETRY);
     let mut ticker = Ticker::every(VISIT);
     let mut visits = 0;
+    let mut stream: Option<(u32, Packer)> = None;
     loop {
         ticker.next().await;
         alive.check_in();
+        if let Some((id, order)) = latest.stream.take() {
+            stream = (!order.words.is_empty()).then(|| (id, Packer::new(order)));
+        }
         while let Some(record) = reports.records.dequeue() {
             log_change(&latest.record.replace(record), &record);
+            if let Some((id, packer)) = &mut stream
+                && let Some(block) = packer.push(&record)
+                && !Frame::of(*id, &Reply::Block(block)).is_ok_and(Frame::try_send)
+            {
+                latest.lost_blocks.set(latest.lost_blocks.get().wrapping_add(1));
+            }
         }
         if let Some(snapshot) = reports.snapshots.dequeue() {
             latest.snapshot.set(snapshot);
+        }
+        if let Some(drive) = reports.copies.dequeue()
+            && BLACK_BOX.copy(drive.counters().ticks, &drive).is_err()
+        {
+            warn!("black box: a copy of the drive does not fit");
+        }
+        if BLACK_BOX.is_to_be_sealed() {
+            BLACK_BOX.seal();
+            info!("black box: complete");
         }
         visits += 1;
         if visits == VISITS_PER_LINE {

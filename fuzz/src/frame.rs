@@ -1,11 +1,13 @@
 //! Bytes from the serial link, as the drive and as the host read them.
 
-use servo_core::capture::Order;
+use servo_core::capture::{Order, Trigger};
 use servo_core::cascade::ParallelGains;
 use servo_core::config::Compensator;
 use servo_core::profile::Limits;
+use servo_core::record::Selection;
 use servo_protocol::frame::{Collector, FrameError, MAX_FRAME, MAX_PAYLOAD, encode};
 use servo_protocol::message::{Reply, Request};
+use servo_protocol::stream;
 
 /// Feeds the bytes to a collector of requests and to one of replies: as they come, then as the message of one frame with a right checksum,
 /// which no fuzzer would find by itself.
@@ -40,7 +42,7 @@ pub fn check(bytes: &[u8]) {
 
 /// A frame with these bytes as its message.
 fn around(payload: &[u8]) -> Vec<u8> {
-    let checksum = crc::Crc::<u16>::new(&crc::CRC_16_IBM_SDLC).checksum(payload).to_le_bytes();
+    let checksum = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC).checksum(payload).to_le_bytes();
     let mut line = Vec::new();
     // Byte stuffing by its definition: each run of non-zero bytes behind its length + 1, at most 254 of them.
     let plain: Vec<u8> = payload.iter().copied().chain(checksum).collect();
@@ -62,7 +64,7 @@ fn around(payload: &[u8]) -> Vec<u8> {
 }
 
 /// Equality by bytes, since NaN is a value that a request may carry.
-fn again<T: serde::Serialize + serde::de::DeserializeOwned>(id: u16, message: &T) {
+fn again<T: serde::Serialize + serde::de::DeserializeOwned>(id: u32, message: &T) {
     let mut frame = [0; MAX_FRAME];
     let length = encode(id, message, &mut frame).expect("what came in a frame fits a frame");
     let mut collector = Collector::default();
@@ -85,7 +87,14 @@ pub fn seeds() -> Vec<Vec<u8>> {
         Request::Gains(ParallelGains { kp_n_per_m: 4.31e5, ki_n_per_m_s: 1.6e7, kd_n_s_per_m: 912.0 }),
         Request::SetParameters([(0x0502, 4e6), (0x0503, 0.6)].into_iter().collect()),
         Request::GetParameter(0x0101),
-        Request::Capture(Order { samples: 100, every_ticks: 2 }),
+        Request::Capture(Order {
+            words: Selection::ERROR_POSITION_FORCE,
+            samples: 100,
+            before: 10,
+            every_ticks: 2,
+            trigger: Trigger::Error(50),
+        }),
+        Request::Stream(stream::Order { words: Selection::ERROR_POSITION_FORCE, every_ticks: 1 }),
         Request::ReadCapture { first: 90 },
         Request::ReadParameters { first: 0 },
         Request::SaveParameters,

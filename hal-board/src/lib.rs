@@ -15,6 +15,7 @@
 #![no_std]
 
 mod adc;
+pub mod black_box;
 pub mod capture;
 mod clocks;
 pub mod control;
@@ -32,9 +33,12 @@ pub mod watchdog;
 
 pub use control::{Control, PowerStage, StartFault};
 pub use flash::{FlashFault, ParameterFlash};
-pub use link::Link;
-pub use memory::stack_free_bytes;
-pub use reset::ResetCause;
+pub use link::{LinkReceiver, LinkSender};
+pub use memory::{program, stack_free_bytes};
+pub use reset::{ResetCause, restart};
+
+/// Name of the board.
+pub const NAME: &str = "NUCLEO-H743ZI2";
 
 use servo_core::monitor::signals;
 
@@ -43,7 +47,7 @@ pub struct Board {
     /// Serial link: USART3, the virtual COM port of the on-board ST-LINK.
     ///
     /// An error means that the bit rate does not fit the clock, a defect of this crate.
-    pub link: Result<Link, embassy_stm32::usart::ConfigError>,
+    pub link: Result<(LinkSender, LinkReceiver), embassy_stm32::usart::ConfigError>,
     /// Bridge, current converters and encoder: configured, stopped, outputs off.
     pub power_stage: PowerStage,
     /// The two sectors that keep parameters.

@@ -83,6 +83,29 @@ pub fn stack_free_bytes() -> u32 {
     free_bytes
 }
 
+/// The program as it lies in flash: from the vectors to the first values of the data, and the image of the hot code.
+pub fn program() -> [&'static [u8]; 2] {
+    unsafe extern "C" {
+        static __sdata: u8;
+        static __edata: u8;
+        static __sidata: u8;
+        static __sitcm: u8;
+        static __eitcm: u8;
+        static __siitcm: u8;
+    }
+    const FLASH: usize = 0x0800_0000;
+    let data_bytes = (&raw const __edata).addr() - (&raw const __sdata).addr();
+    let program_bytes = (&raw const __sidata).addr() + data_bytes - FLASH;
+    let hot_bytes = (&raw const __eitcm).addr() - (&raw const __sitcm).addr();
+    // SAFETY: flash of bank 1 between the linker's limits; nothing ever writes there.
+    unsafe {
+        [
+            core::slice::from_raw_parts(core::ptr::with_exposed_provenance(FLASH), program_bytes),
+            core::slice::from_raw_parts(&raw const __siitcm, hot_bytes),
+        ]
+    }
+}
+
 // Copies hot code to ITCM before `main`. In assembly because Rust code must not run before RAM is initialised, and here
 // because the compiler may call functions that live in ITCM anywhere, `memcpy` first of all.
 global_asm!(

@@ -11,7 +11,7 @@ pub enum ResetCause {
     BrownOut,
     /// Reset pin or debugger.
     Pin,
-    /// Requested by the firmware: after a panic or a fault.
+    /// Requested by the firmware: by [`restart`], or after a panic or a fault.
     Software,
     /// Independent or window watchdog.
     Watchdog,
@@ -36,4 +36,9 @@ pub fn take_cause() -> ResetCause {
     } else {
         ResetCause::Unknown
     }
+}
+
+/// Starts the firmware anew: every peripheral is reset, the bridge is off. RAM keeps its contents.
+pub fn restart() -> ! {
+    cortex_m::peripheral::SCB::sys_reset()
 }

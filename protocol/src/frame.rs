@@ -1,14 +1,17 @@
-//! Frames: COBS( postcard(id, message) ++ CRC-16 ) and a zero.
+//! Frames: COBS( postcard(id, message) ++ CRC-32 ) and a zero. The form never changes: a host can always read which protocol a drive
+//! speaks.
 
-use crc::{CRC_16_IBM_SDLC, Crc};
+use crc::{CRC_32_ISO_HDLC, Crc};
 use serde::{Serialize, de::DeserializeOwned};
 
 /// Longest message with its id, before checksum and stuffing, bytes.
 pub const MAX_PAYLOAD: usize = 512;
 /// Longest frame on the line, with its final zero, bytes.
-pub const MAX_FRAME: usize = cobs::max_encoding_length(MAX_PAYLOAD + 2) + 1;
+pub const MAX_FRAME: usize = cobs::max_encoding_length(MAX_PAYLOAD + CHECKSUM) + 1;
 
-const CRC16: Crc<u16> = Crc::<u16>::new(&CRC_16_IBM_SDLC);
+/// Length of the checksum, bytes. With two, one in 65,536 damaged frames would pass, and a bad line damages that many in an hour.
+const CHECKSUM: usize = 4;
+const CRC32: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 
 /// Why bytes were not a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -31,12 +34,12 @@ pub struct TooLong;
 ///
 /// # Errors
 /// [`TooLong`] if the message takes more than [`MAX_PAYLOAD`] bytes.
-pub fn encode<T: Serialize>(id: u16, message: &T, frame: &mut [u8; MAX_FRAME]) -> Result<usize, TooLong> {
-    let mut plain = [0u8; MAX_PAYLOAD + 2];
+pub fn encode<T: Serialize>(id: u32, message: &T, frame: &mut [u8; MAX_FRAME]) -> Result<usize, TooLong> {
+    let mut plain = [0u8; MAX_PAYLOAD + CHECKSUM];
     let used = postcard::to_slice(&(id, message), &mut plain[..MAX_PAYLOAD]).map_err(|_| TooLong)?.len();
-    let checksum = CRC16.checksum(&plain[..used]).to_le_bytes();
-    plain[used..used + 2].copy_from_slice(&checksum);
-    let stuffed = cobs::encode(&plain[..used + 2], frame);
+    let checksum = CRC32.checksum(&plain[..used]).to_le_bytes();
+    plain[used..used + CHECKSUM].copy_from_slice(&checksum);
+    let stuffed = cobs::encode(&plain[..used + CHECKSUM], frame);
     frame[stuffed] = 0;
     Ok(stuffed + 1)
 }
@@ -45,10 +48,10 @@ pub fn encode<T: Serialize>(id: u16, message: &T, frame: &mut [u8; MAX_FRAME]) -
 ///
 /// # Errors
 /// See [`FrameError`]. Never panics, whatever the bytes.
-pub fn decode<T: DeserializeOwned>(bytes: &mut [u8]) -> Result<(u16, T), FrameError> {
+pub fn decode<T: DeserializeOwned>(bytes: &mut [u8]) -> Result<(u32, T), FrameError> {
     let length = cobs::decode_in_place(bytes).map_err(|_| FrameError::Stuffing)?;
-    let (payload, checksum) = bytes[..length].split_last_chunk::<2>().ok_or(FrameError::Checksum)?;
-    if CRC16.checksum(payload) != u16::from_le_bytes(*checksum) {
+    let (payload, checksum) = bytes[..length].split_last_chunk::<CHECKSUM>().ok_or(FrameError::Checksum)?;
+    if CRC32.checksum(payload) != u32::from_le_bytes(*checksum) {
         return Err(FrameError::Checksum);
     }
     match postcard::take_from_bytes(payload) {
@@ -74,7 +77,7 @@ impl Default for Collector {
 impl Collector {
     /// Takes one byte from the line; on the zero that ends a frame, what it held. Empty frames (two zeros in a row) are none:
     /// a sender may put a zero in front to end whatever noise the line held.
-    pub fn push<T: DeserializeOwned>(&mut self, byte: u8) -> Option<Result<(u16, T), FrameError>> {
+    pub fn push<T: DeserializeOwned>(&mut self, byte: u8) -> Option<Result<(u32, T), FrameError>> {
         if byte != 0 {
             match self.buffer.get_mut(self.length) {
                 Some(place) => {
@@ -99,25 +102,42 @@ impl Collector {
 mod tests {
     extern crate std;
     use super::*;
-    use crate::message::{Reply, Request};
+    use crate::message::{Identity, Reply, Request};
     use proptest::prelude::*;
     use std::vec::Vec;
 
-    fn frame_of(id: u16, request: &Request) -> Vec<u8> {
+    fn frame_of(id: u32, request: &Request) -> Vec<u8> {
         let mut frame = [0; MAX_FRAME];
         let length = encode(id, request, &mut frame).unwrap();
         frame[..length].to_vec()
     }
 
-    fn collect(bytes: &[u8]) -> Vec<Result<(u16, Request), FrameError>> {
+    fn collect(bytes: &[u8]) -> Vec<Result<(u32, Request), FrameError>> {
         let mut collector = Collector::default();
         bytes.iter().filter_map(|b| collector.push(*b)).collect()
     }
 
     #[test]
     fn the_identity_request_has_these_bytes_for_ever() {
-        // postcard: id 0 (0), first variant (0); CRC-16/IBM-SDLC of 00 00 is 0x0f47; stuffed.
-        assert_eq!(frame_of(0, &Request::Identity), [1, 1, 3, 0x47, 0x0f, 0]);
+        // postcard: id 0 (0), first variant (0); CRC-32/ISO-HDLC of 00 00 is 0x41d912ff; stuffed.
+        assert_eq!(frame_of(0, &Request::Identity), [1, 1, 5, 0xff, 0x12, 0xd9, 0x41, 0]);
+    }
+
+    #[test]
+    fn the_identity_reply_has_this_form_for_ever() {
+        let identity = Identity {
+            protocol: 3,
+            firmware: [1, 2, 300],
+            program: 5,
+            board: "B".try_into().unwrap(),
+            serial: [6, 7, 8],
+        };
+        let mut frame = [0; MAX_FRAME];
+        let length = encode(1, &Reply::Identity(identity), &mut frame).unwrap();
+        let stuffed = &mut frame[..length - 1];
+        let plain = cobs::decode_in_place(stuffed).unwrap();
+        // id 1, first variant, protocol, firmware (300 takes two bytes), program, length and letters of the board, serial.
+        assert_eq!(stuffed[..plain - CHECKSUM], [1, 0, 3, 1, 2, 0xac, 2, 5, 1, b'B', 6, 7, 8]);
     }
 
     #[test]
@@ -146,9 +166,12 @@ mod tests {
     fn the_longest_replies_fit() {
         let words = heapless::Vec::from_slice(&[u32::MAX; crate::message::BLOCK_WORDS]).unwrap();
         let mut frame = [0; MAX_FRAME];
-        assert!(encode(u16::MAX, &Reply::Capture { first: u32::MAX, words }, &mut frame).is_ok());
+        assert!(encode(u32::MAX, &Reply::Capture { first: u32::MAX, words }, &mut frame).is_ok());
+        let bytes = heapless::Vec::from_slice(&[0xff; crate::stream::BLOCK_BYTES]).unwrap();
+        let block = crate::stream::Block { number: u32::MAX, first_tick: u32::MAX, bytes };
+        assert!(encode(u32::MAX, &Reply::Block(block), &mut frame).is_ok());
         let values = heapless::Vec::from_slice(&[(u16::MAX, f64::MAX); crate::message::PARAMETERS_PER_REPLY]).unwrap();
-        assert!(encode(u16::MAX, &Reply::Parameters(values), &mut frame).is_ok());
+        assert!(encode(u32::MAX, &Reply::Parameters(values), &mut frame).is_ok());
     }
 
     proptest! {

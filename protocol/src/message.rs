@@ -1,9 +1,9 @@
 //! Requests and replies.
 //!
-//! The order of the variants is the wire format: new ones go to the end, [`Request::Identity`] and [`Reply::Identity`] never
-//! change, and any other change raises [`PROTOCOL`].
+//! The order of the variants is the wire format: [`Request::Identity`] and [`Reply::Identity`] never change, and any other change
+//! raises [`PROTOCOL`]. [`crate::endpoint::ENDPOINTS`] says of every request what answers it and whether it may be repeated.
 
-use heapless::Vec;
+use heapless::{String, Vec};
 use serde::{Deserialize, Serialize};
 use servo_core::capture::{Order, Progress};
 use servo_core::cascade::ParallelGains;
@@ -17,8 +17,10 @@ use servo_core::settling::Settling;
 use servo_core::state::State;
 use servo_core::store::Current;
 
+use crate::stream::{self, Block};
+
 /// Number of this version of the messages.
-pub const PROTOCOL: u16 = 2;
+pub const PROTOCOL: u16 = 3;
 
 /// Words in one block of capture data.
 pub const BLOCK_WORDS: usize = 90;
@@ -82,16 +84,28 @@ pub enum Request {
     ResetParameters,
     /// [`Reply::ParameterStore`].
     ParameterStore,
+    /// Start the firmware anew; refused with torque on.
+    Restart,
+    /// Begin a stream in place of the one under way: [`Reply::Block`]s with the number of this request, behind its answer.
+    Stream(stream::Order),
+    /// Read words of the black box from this index on: [`Reply::BlackBox`]. They stay what they are while it is sealed and the bridge
+    /// is off (see [`crate::black_box`]).
+    ReadBlackBox {
+        /// Index of the first word.
+        first: u32,
+    },
 }
 
 /// What the drive answers.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[expect(clippy::large_enum_variant, reason = "there is no allocator to box with")]
 pub enum Reply {
     /// To [`Request::Identity`].
     Identity(Identity),
     /// Done.
-    Done,
+    Done {
+        /// The servo tick that carried it out: a [`Status`] of this tick or a later one shows its effect.
+        tick: u32,
+    },
     /// Not done, and why.
     Refused(Refusal),
     /// To [`Request::Status`].
@@ -105,28 +119,39 @@ pub enum Reply {
     },
     /// To [`Request::Settling`].
     Settling(Settling),
-    /// To [`Request::ReadCapture`]: the words there are, up to a block.
+    /// To [`Request::ReadCapture`]: words of a complete capture's ring, up to a block.
     Capture {
         /// Index of the first word.
         first: u32,
-        /// The words; see [`servo_core::capture::WORDS_PER_SAMPLE`].
+        /// The words: samples of as many words as were ordered, the oldest one where [`Progress`] says.
         words: Vec<u32, BLOCK_WORDS>,
     },
     /// To [`Request::ReadParameters`]: ids and values, up to [`PARAMETERS_PER_REPLY`]; fewer are the last.
     Parameters(Vec<(u16, f64), PARAMETERS_PER_REPLY>),
     /// To [`Request::ParameterStore`].
     ParameterStore(ParameterStore),
+    /// Some samples of a stream.
+    Block(Block),
+    /// To [`Request::ReadBlackBox`]: a block, shorter at the end of the [`crate::black_box::WORDS`] words, then empty.
+    BlackBox {
+        /// Index of the first word.
+        first: u32,
+        /// The words.
+        words: Vec<u32, BLOCK_WORDS>,
+    },
 }
 
-/// Who the drive is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+/// Who the drive is. Frozen: every protocol has this message in this form.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Identity {
     /// [`PROTOCOL`] of the firmware.
     pub protocol: u16,
     /// Firmware version: major, minor, patch.
     pub firmware: [u16; 3],
-    /// Encoder counts are this many femtometres long.
-    pub count_fm: u64,
+    /// Fingerprint of the program in flash, see [`crate::program`]: tells which ELF the log is to be decoded with.
+    pub program: u64,
+    /// Name of the board.
+    pub board: String<32>,
     /// The chip's serial number.
     pub serial: [u32; 3],
 }
@@ -164,6 +189,8 @@ pub enum SaveProgress {
 /// What the drive is doing.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Status {
+    /// Everything here is of this servo tick or a later one.
+    pub tick: u32,
     /// Power state.
     pub state: State,
     /// First fault since the last reset.
@@ -186,4 +213,6 @@ pub struct Status {
     pub bad_requests: u32,
     /// Tick records that no task took in time.
     pub lost_records: u32,
+    /// Blocks of streams that found the line busy.
+    pub lost_blocks: u32,
 }

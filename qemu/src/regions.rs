@@ -6,6 +6,7 @@
 use core::hint::black_box;
 
 use servo_core::axis::{Axis, ServoOutput, ServoSample};
+use servo_core::black_box::{Entry, Recorder};
 use servo_core::cascade;
 use servo_core::compensator::niasa::OnDahl;
 use servo_core::compensator::{Action, Situation};
@@ -160,6 +161,14 @@ pub fn niasa_act(state: &mut OnDahl, config: &Config, situation: &Situation) -> 
 #[inline(never)]
 pub fn settling_update(monitor: &mut Monitor, config: &Config, error_ct: i32) {
     monitor.update(error_ct, &config.tolerances_ct, config.window_ct);
+}
+
+/// The tick's entry in the black box.
+#[inline(never)]
+pub fn black_box_entry(recorder: &mut Recorder, memory: &mut [Entry; 8], inputs: &Inputs, record: &TickRecord) {
+    if let Some(index) = recorder.step(record) {
+        memory[index as usize % 8] = Entry::new(inputs, 0, record);
+    }
 }
 
 /// Sine and cosine.

@@ -1,12 +1,13 @@
 //! What the drive is told in the recorded run: enough to pass through every branch that a move, a refusal, a change of
 //! configuration or a fault takes.
 
-use servo_core::capture::Order;
+use servo_core::capture::{Order, Trigger};
 use servo_core::config::{Compensator, Config};
 use servo_core::drive::Command;
 use servo_core::parameters::Settings;
 use servo_core::position::Position;
 use servo_core::profile::Limits;
+use servo_core::record::Selection;
 use servo_core::refusal::Refusal;
 
 /// Servo ticks of the run.
@@ -16,7 +17,13 @@ pub const TICKS: u32 = 5_000;
 pub const CAPTURE_TICK: u32 = 99;
 
 /// The captured samples: from the end of the first profile on.
-pub const CAPTURE: Order = Order { samples: 500, every_ticks: 2 };
+pub const CAPTURE: Order = Order {
+    words: Selection::ERROR_POSITION_FORCE,
+    samples: 500,
+    before: 0,
+    every_ticks: 2,
+    trigger: Trigger::MoveEnd,
+};
 
 /// 5 mm in counts of 61.035 pm.
 pub const FIVE_MM: Position = Position(81_920_000);

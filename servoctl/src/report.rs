@@ -198,7 +198,7 @@ impl Numbers {
                 self.figures += 1;
                 html! {
                     figure.wide[panels.len() > 1] {
-                        div.panels.three[panels.len() == 3] { @for panel in panels { (PreEscaped(panel.svg())) } }
+                        div.panels { @for panel in panels { (PreEscaped(panel.svg())) } }
                         figcaption { b { "Figure " (self.figures) "." } " " (caption) }
                     }
                 }
@@ -239,7 +239,7 @@ fn html_statements(statements: &[Statement]) -> Markup {
                     tr.told[!s.why.is_empty()] {
                         td.place { (linked(&s.place, s.section)) }
                         td.quantity { (s.quantity) }
-                        td data-label="thesis" { (s.stated) }
+                        td.stated data-label="thesis" { (s.stated) }
                         td data-label="here" { (s.found) }
                         td { b class=(s.mark.class()) { (s.verdict) } }
                     }

@@ -34,6 +34,12 @@ impl Table {
         self
     }
 
+    /// The same table under another caption: where its conditions stand elsewhere.
+    #[must_use]
+    pub fn under(self, caption: impl Into<String>) -> Self {
+        Self { caption: caption.into(), ..self }
+    }
+
     /// Cell of a row, empty where the row is short.
     pub fn cell<'a>(&'a self, row: &'a [String], column: usize) -> &'a str {
         row.get(column).map_or("", String::as_str)

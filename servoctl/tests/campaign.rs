@@ -88,3 +88,19 @@ fn a_shard_is_written_as_i_of_n() {
         assert!(wrong.parse::<Shard>().is_err(), "{wrong}");
     }
 }
+
+#[test]
+fn named_configurations_are_compared_with_the_baseline_and_nothing_else_is_computed() {
+    let names = |plan: &Plan, cases: &[usize]| -> Vec<String> {
+        cases.iter().map(|case| plan.campaign.cases[*case].name.clone()).collect()
+    };
+    let both = Request { mass_errors_percent: vec![-1.0, 1.0], ..plan().request }.plan().unwrap();
+    let only = both.clone().only(&["pid+niasa-7.55".into()]).unwrap();
+    assert_eq!((both.campaign.cases.len(), only.campaign.cases.len()), (6, 4));
+    for (comparison, whole) in only.comparisons.iter().zip(&both.comparisons) {
+        assert_eq!(names(&only, &comparison.cases), ["pid", "pid+niasa-7.55"]);
+        assert_eq!(only.campaign.cases[comparison.cases[1]], both.campaign.cases[whole.cases[2]]);
+    }
+    let unknown = both.only(&["pid+nisa".into()]).unwrap_err();
+    assert_eq!(unknown, "configs: pid+nisa is not one of pid, pid+niasa, pid+niasa-7.55");
+}

@@ -69,7 +69,7 @@ fn a_step_of_100_um_swings_linearly_until_friction_takes_over() {
 
 #[test]
 fn the_models_come_nearer_in_the_order_of_their_figures() {
-    let models = models::run();
+    let models = models::run(Watch::NOBODY).unwrap();
     assert!(models.fits.windows(2).all(|pair| pair[1].rms_n <= pair[0].rms_n), "{:?}", models.table());
     assert!(models.fits.iter().all(|fit| fit.force_n.len() == models.motion.position_m.len()));
 }

@@ -16,7 +16,8 @@ const LOOK: Duration = Duration::from_micros(500);
 /// The host's end of the serial link.
 #[derive(Debug, Default)]
 pub struct Link {
-    next_id: u16,
+    /// `None` before the first request.
+    next_id: Option<u32>,
     collector: Collector,
     arrived: VecDeque<u8>,
     garbled: u32,
@@ -36,8 +37,10 @@ impl Link {
     /// [`Error::NoReply`] after 200 ms of virtual time, [`Error::TooLong`] for a request that does not fit a frame,
     /// [`Error::Ended`].
     pub fn request(&mut self, board: &mut VirtualBoard, request: &Request) -> Result<Reply, Error> {
-        let id = self.next_id;
-        self.next_id = self.next_id.wrapping_add(1);
+        // A link begins with a number that none before it has used: microseconds, where a request takes some hundred. The upper bit
+        // makes all of them equally long on the line.
+        let id = self.next_id.unwrap_or((board.time_ns() / 1000) as u32 | 1 << 31);
+        self.next_id = Some(id.wrapping_add(1));
         let mut bytes = [0; MAX_FRAME];
         let length = frame::encode(id, request, &mut bytes).map_err(|_| Error::TooLong)?;
         board.send(&bytes[..length])?;

@@ -2,10 +2,11 @@
 
 use std::time::Duration;
 
-use servo_core::capture::{Order, Progress, WORDS_PER_SAMPLE};
+use servo_core::capture::{Complete, Order, Progress, Trigger};
 use servo_core::config::Compensator;
 use servo_core::parameters::{Parameter, Settings, TABLE};
 use servo_core::profile::Limits;
+use servo_core::record::Selection;
 use servo_core::refusal::Refusal;
 use servo_core::settling::Settling;
 use servo_core::state::State;
@@ -15,8 +16,8 @@ use servo_protocol::message::{
 
 use crate::{Error, Link, VirtualBoard};
 
-/// Twice the age that a status can have.
-const STATUS_AGE: Duration = Duration::from_millis(10);
+/// Twice the age that a status can have, ticks.
+const OLDEST_STATUS: u32 = 160;
 /// How often a state is asked for while waiting for it.
 const POLL: Duration = Duration::from_millis(2);
 /// The same for the end of a save, which takes a second.
@@ -30,6 +31,8 @@ pub struct Session {
     /// The board.
     pub board: VirtualBoard,
     link: Link,
+    /// The tick that carried out the last order.
+    last_order: u32,
 }
 
 /// One captured sample.
@@ -45,7 +48,7 @@ impl Session {
     /// Talks to `board`.
     #[must_use]
     pub fn new(board: VirtualBoard) -> Self {
-        Session { board, link: Link::new() }
+        Session { board, link: Link::new(), last_order: 0 }
     }
 
     /// Sends a request and returns the reply, whatever it is.
@@ -62,19 +65,30 @@ impl Session {
     /// [`Error::Refused`] with the drive's reason, and those of [`Session::ask`].
     pub fn order(&mut self, request: &Request) -> Result<(), Error> {
         match self.ask(request)? {
-            Reply::Done => Ok(()),
+            Reply::Done { tick } => {
+                self.last_order = tick;
+                Ok(())
+            }
             other => Err(unexpected(request, &other)),
         }
     }
 
-    /// What the drive is doing.
+    /// What the drive is doing, after the last order.
     ///
     /// # Errors
     /// Those of [`Session::ask`].
     pub fn status(&mut self) -> Result<Status, Error> {
-        match self.ask(&Request::Status)? {
-            Reply::Status(status) => Ok(status),
-            other => Err(unexpected(&Request::Status, &other)),
+        loop {
+            match self.ask(&Request::Status)? {
+                // Much older than the last order: the drive has been restarted since.
+                Reply::Status(status) if status.tick + OLDEST_STATUS < self.last_order => {
+                    self.last_order = 0;
+                    return Ok(status);
+                }
+                Reply::Status(status) if status.tick < self.last_order => self.board.run_for(POLL)?,
+                Reply::Status(status) => return Ok(status),
+                other => return Err(unexpected(&Request::Status, &other)),
+            }
         }
     }
 
@@ -111,9 +125,7 @@ impl Session {
     pub fn commission(&mut self, settings: &Settings) -> Result<(), Error> {
         self.configure(settings)?;
         self.save_parameters()?;
-        self.order(&Request::ResetFault)?;
-        // None from before the reset shall be taken for one after it.
-        self.board.run_for(STATUS_AGE)
+        self.order(&Request::ResetFault)
     }
 
     /// Saves the parameters in use and waits until they are stored.
@@ -188,8 +200,6 @@ impl Session {
     /// A refusal, a fault on the way, and those of [`Session::ask`].
     pub fn move_to(&mut self, target_ct: i64, limits: Limits) -> Result<(), Error> {
         self.order(&Request::Move { target_ct, limits })?;
-        // A status may be from before the order, when nothing moved yet.
-        self.board.run_for(STATUS_AGE)?;
         self.wait_for("the end of the move", |status| !status.moving)?;
         Ok(())
     }
@@ -209,12 +219,13 @@ impl Session {
         }
     }
 
-    /// Orders a capture from the end of the next profile on.
+    /// Orders a capture of error, position and force from the end of the next profile on, every so many ticks.
     ///
     /// # Errors
     /// A refusal, and those of [`Session::ask`].
-    pub fn arm_capture(&mut self, order: Order) -> Result<(), Error> {
-        self.order(&Request::Capture(order))
+    pub fn arm_capture(&mut self, samples: u32, every_ticks: u32) -> Result<(), Error> {
+        let words = Selection::ERROR_POSITION_FORCE;
+        self.order(&Request::Capture(Order { words, samples, before: 0, every_ticks, trigger: Trigger::MoveEnd }))
     }
 
     /// Reads the capture out.
@@ -223,20 +234,23 @@ impl Session {
     /// [`Error::NotReached`] if it is not complete, and those of [`Session::ask`].
     pub fn read_capture(&mut self) -> Result<Vec<CapturedSample>, Error> {
         let status = self.status()?;
-        let Progress::Complete(samples) = status.capture else {
+        let Progress::Complete(Complete { order, oldest, .. }) = status.capture else {
             return Err(Error::NotReached { what: "the end of the capture".to_owned(), status: format!("{status:?}") });
         };
-        let total = samples * WORDS_PER_SAMPLE;
-        let mut words: Vec<u32> = Vec::with_capacity(total as usize);
-        while (words.len() as u32) < total {
+        let count = order.words.count();
+        let total = order.samples as usize * count;
+        let mut words: Vec<u32> = Vec::with_capacity(total);
+        while words.len() < total {
             let request = Request::ReadCapture { first: words.len() as u32 };
             match self.ask(&request)? {
                 Reply::Capture { words: block, .. } if !block.is_empty() => words.extend(block),
                 other => return Err(unexpected(&request, &other)),
             }
         }
-        let sample = |w: &[u32]| CapturedSample { error_ct: w[0] as i32, force_n: f32::from_bits(w[2]) };
-        Ok(words.chunks_exact(WORDS_PER_SAMPLE as usize).map(sample).collect())
+        words.rotate_left(oldest as usize * count);
+        // As `Selection::ERROR_POSITION_FORCE` orders them.
+        let sample = |w: &[u32]| CapturedSample { error_ct: w[1] as i32, force_n: f32::from_bits(w[2]) };
+        Ok(words.chunks_exact(count).map(sample).collect())
     }
 }
 

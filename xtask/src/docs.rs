@@ -2,20 +2,32 @@
 
 use anyhow::{Context, Result};
 
-use crate::{fault_page, parameter_page};
+use crate::{fault_page, host, parameter_page, process, protocol_page};
 
 /// Where a page is, and what makes it.
 type Page = (&'static str, fn() -> String);
 
-const PAGES: [Page; 2] = [("docs/faults.md", fault_page::faults), ("docs/parameters.md", parameter_page::parameters)];
+const PAGES: [Page; 3] = [
+    ("docs/faults.md", fault_page::faults),
+    ("docs/parameters.md", parameter_page::parameters),
+    ("docs/protocol.md", protocol_page::protocol),
+];
+
+/// The host tool prints this one itself, and has the test that compares.
+const COMMANDS: &str = "docs/commands.md";
 
 /// Writes every page anew and says which ones have changed.
 ///
 /// # Errors
 /// When a page cannot be written.
 pub fn write() -> Result<()> {
-    for (path, render) in PAGES {
-        let (before, now) = (std::fs::read_to_string(path).unwrap_or_default(), render());
+    let commands = process::capture(
+        host::cargo("run").args(["--quiet", "--package", "servoctl", "--", "reference"]),
+        "servoctl reference",
+    )?;
+    let pages = PAGES.map(|(path, render)| (path, render()));
+    for (path, now) in pages.into_iter().chain([(COMMANDS, commands)]) {
+        let before = std::fs::read_to_string(path).unwrap_or_default();
         std::fs::write(path, &now).with_context(|| format!("writing {path}"))?;
         println!("{path}: {}", if before == now { "was current" } else { "written" });
     }

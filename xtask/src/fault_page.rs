@@ -13,10 +13,13 @@ pub fn faults() -> String {
         Written by `cargo xtask docs` from [`core/src/fault.rs`](../core/src/fault.rs), [`record.rs`](../core/src/record.rs) and \
         [`state.rs`](../core/src/state.rs); a test holds it current.\n\n\
         ## Faults\n\n\
-        The number is an ABI: never reused; 13 and 25 are reserved. *Seen after* counts from the first sample that shows the cause. The \
+        The number is an ABI: never reused. *Seen after* counts from the first sample that shows the cause. The \
         bridge is off in the output of the tick that sees the fault; where it says *may brake*, the parameter `fault_reaction_option` can \
-        ask for a ramp to rest first (state Fault reaction active), which any other fault cuts short. The first fault is kept, with its \
-        records in the black box, until it is acknowledged; while its cause lasts, acknowledging is refused.\n\n\
+        ask for a ramp to rest first (state Fault reaction active), which any other fault cuts short. The first fault is kept \
+        until it is acknowledged, in state Fault and not before; while its cause lasts, acknowledging is refused.\n\n\
+        The black box keeps 512 ticks from before the first fault and 64 after it, each with what the drive was told and what it did, \
+        also over a reset that is not a loss of supply, until the bridge is next turned on. The host reads it and runs the ticks again \
+        ([`black_box.rs`](../core/src/black_box.rs)): the same version of this software gives the same records, to the last bit.\n\n\
         | no. | CiA 402 | fault | seen after | bridge | what happened | what to do |\n|---|---|---|---|---|---|---|\n",
     );
     let mut faults = Fault::ALL.to_vec();

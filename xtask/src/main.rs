@@ -18,11 +18,14 @@ mod fuzz;
 mod host;
 mod parameter_page;
 mod process;
+mod protocol_page;
 mod qemu;
+mod scope;
 mod setup;
 mod test_suite;
 mod toolchain;
 mod version;
+mod virtual_drive;
 
 #[derive(Parser)]
 #[command(bin_name = "cargo xtask", about = "What a person types here; each word installs what it needs first.")]
@@ -36,6 +39,8 @@ struct Arguments {
 enum Word {
     /// Run the firmware on the virtual board: moves with and without the compensator, table and report
     Demo(demo::Options),
+    /// Build the virtual drive that `servoctl --virtual` talks to; print where its program and its firmware are
+    Virtual,
     /// Run every check that the server runs
     Test(test_suite::Options),
     /// Build the firmware; print path, memory use and hash of its ELF
@@ -56,7 +61,9 @@ enum Word {
     Fuzz(fuzz::Options),
     /// Write the pages of docs/ that are made from tables in code
     Docs,
-    /// Install what is missing: embedded toolchain, QEMU, C compiler (every other word does it by itself)
+    /// Fetch the plotting library of the page that `servoctl scope` serves
+    Scope,
+    /// Install what is missing: embedded toolchain, QEMU, C compiler, npm, Chromium (every other word does it by itself)
     Setup {
         /// Only say what would be done
         #[arg(long)]
@@ -79,6 +86,7 @@ fn main() -> ExitCode {
 fn run(word: Word, directory: &Path) -> Result<()> {
     match word {
         Word::Demo(options) => demo::run(&options.seen_from(directory)),
+        Word::Virtual => virtual_drive::build(),
         Word::Test(options) => test_suite::run(&options),
         Word::Firmware => firmware::build().map(|firmware| println!("{firmware}")),
         Word::Flash => firmware::flash(),
@@ -88,6 +96,7 @@ fn run(word: Word, directory: &Path) -> Result<()> {
         Word::Endurance(options) => endurance::run(&options),
         Word::Fuzz(options) => fuzz::run(&options.seen_from(directory)),
         Word::Docs => docs::write(),
+        Word::Scope => scope::bundle(),
         Word::Setup { dry_run } => setup::all(dry_run),
     }
 }

@@ -3,17 +3,7 @@
 use std::fmt::Write;
 
 use servo_core::image::{OLDEST_SCHEMA, SCHEMA};
-use servo_core::parameters::{Access, Parameter, TABLE};
-
-/// Groups of parameters, by the upper byte of their ids.
-const GROUPS: [(u16, &str); 6] = [
-    (0x01, "Encoder"),
-    (0x02, "Motor, power stage, supply"),
-    (0x03, "Position loop"),
-    (0x04, "Motion"),
-    (0x05, "Compensators"),
-    (0x06, "Supervision"),
-];
+use servo_core::parameters::{Access, GROUPS, Parameter, TABLE};
 
 const PARAMETERS_HEAD: &str = "\
 # Parameters

@@ -6,9 +6,9 @@ use anyhow::{Context, Result, bail};
 
 use crate::apt::Access;
 use crate::embedded;
-use crate::process;
 use crate::toolchain::{self, ADD_TARGET, Attempt, Choice, DEBIAN_CLIPPY, TARGET, Toolchain};
 use crate::version::Version;
+use crate::{process, scope};
 
 /// Oldest QEMU whose instruction counts are known to be right.
 const OLDEST_QEMU: Version = Version::new(7, 2);
@@ -19,13 +19,15 @@ const OLDEST_QEMU: Version = Version::new(7, 2);
 /// When a step fails, with the one line to type.
 pub fn all(dry_run: bool) -> Result<()> {
     if dry_run {
-        for plan in [plan_toolchain()?, plan(&QEMU), plan(&C_COMPILER)] {
+        for plan in [plan_toolchain()?, plan(&QEMU), plan(&C_COMPILER), plan(&NPM), plan(&CHROMIUM)] {
             eprintln!("setup: {plan}");
         }
         return Ok(());
     }
     firmware_toolchain()?;
-    qemu()
+    qemu()?;
+    chromium()?;
+    scope::bundle()
 }
 
 /// Makes sure that the firmware can be built, and says with what.
@@ -73,6 +75,22 @@ pub fn qemu() -> Result<()> {
     ensure(&C_COMPILER)
 }
 
+/// Makes sure that packages of the scope page can be fetched.
+///
+/// # Errors
+/// When npm cannot be installed, with the one line to type.
+pub fn npm() -> Result<()> {
+    ensure(&NPM)
+}
+
+/// Makes sure that there is a browser for the tests of the scope page.
+///
+/// # Errors
+/// When it cannot be installed, with the one line to type.
+pub fn chromium() -> Result<()> {
+    ensure(&CHROMIUM)
+}
+
 /// `cargo clippy` for the embedded workspace; further arguments are the caller's to add.
 ///
 /// # Errors
@@ -98,6 +116,11 @@ struct Tool {
 const QEMU: Tool = Tool { name: "QEMU", program: "qemu-system-arm", package: "qemu-system-arm", oldest: OLDEST_QEMU };
 const C_COMPILER: Tool =
     Tool { name: "C compiler", program: "cc", package: "build-essential", oldest: Version::new(0, 0) };
+/// The oldest that reads the lock file's version.
+const NPM: Tool = Tool { name: "npm", program: "npm", package: "npm", oldest: Version::new(7, 0) };
+/// The oldest that knows what the page's scripts use.
+const CHROMIUM: Tool =
+    Tool { name: "Chromium", program: "chromium", package: "chromium", oldest: Version::new(119, 0) };
 
 /// Whether a tool does.
 #[derive(Debug, PartialEq)]

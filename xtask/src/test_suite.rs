@@ -7,7 +7,7 @@ use anyhow::{Result, bail};
 use clap::ValueEnum;
 
 use crate::firmware::{self, Firmware};
-use crate::{demo, embedded, host, process, qemu, setup};
+use crate::{demo, embedded, host, process, qemu, scope, setup};
 
 /// What the test suite can be told.
 #[derive(clap::Args)]
@@ -45,6 +45,8 @@ enum Step {
     Qemu,
     /// The ELF on the emulated board
     VirtualBoard,
+    /// The scope page in a real browser
+    Scope,
     /// The demonstration with two moves
     Demo,
 }
@@ -101,6 +103,7 @@ fn run_step(step: Step) -> Result<()> {
         }
         Step::Docs => documentation(),
         Step::HostTests => process::run(&mut host::cargo("test"), "host tests"),
+        Step::Scope => scope::test(&firmware::build()?),
         Step::SameBits => {
             let mut test = host::cargo("test");
             process::run(test.args(["--release", "--package", "servoctl", "--test", "same_bits"]), "results, optimised")

@@ -11,6 +11,7 @@ use crate::SERVO_DT_S;
 
 /// Coefficients of the tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Coefficients {
     /// Bandwidth L of the filter, 1/s, above 0.
     pub bandwidth_per_s: f32,
@@ -20,6 +21,7 @@ pub struct Coefficients {
 
 /// The observer's memory.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct State {
     /// ∫(u − d̂) dt, N s.
     expected_n_s: f64,

@@ -10,6 +10,7 @@ use crate::friction::{coulomb, stribeck};
 
 /// Which model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Model {
     /// Coulomb and viscous.
     Coulomb,
@@ -30,6 +31,7 @@ impl Model {
 
 /// Coefficients of the tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Coefficients {
     /// Which model.
     pub model: Model,
@@ -47,6 +49,7 @@ pub struct Coefficients {
 
 /// The models' memory.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct State {
     dahl: ShapedDahl,
     lugre: LuGre,

@@ -67,6 +67,7 @@ impl Compensator {
 
 /// Coefficients of every compensator; the chosen one uses its own.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Coefficients {
     /// Which one acts.
     pub kind: Compensator,
@@ -133,6 +134,7 @@ impl Action {
 
 /// The memory of the compensator that acts.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Memory {
     /// [`Compensator::None`].
     None,

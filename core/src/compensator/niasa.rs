@@ -36,6 +36,7 @@ pub enum Schedule {
 
 /// Coefficients of the tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Coefficients {
     /// The Dahl model: σ̂, F̂_C and the reversal hysteresis.
     pub friction: dahl::Coefficients,
@@ -54,6 +55,7 @@ pub struct Coefficients {
 
 /// NIASA on the Dahl model.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct OnDahl {
     model: Dahl,
 }
@@ -81,6 +83,7 @@ impl OnDahl {
 
 /// NIASA on the Maxwell-slip model.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct OnMaxwell {
     model: MaxwellSlip,
 }

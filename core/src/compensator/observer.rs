@@ -11,6 +11,7 @@ const DEFLECTION_LIMIT: f32 = 8.0;
 
 /// Coefficients of the tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Coefficients {
     /// The LuGre model of (4.4), (4.5).
     pub lugre: lugre::Coefficients,
@@ -26,6 +27,7 @@ pub struct Coefficients {
 
 /// Observer on the LuGre model.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct OnLugre {
     model: LuGre,
 }
@@ -49,6 +51,7 @@ impl OnLugre {
 
 /// Observer on the Dahl model.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct OnDahl {
     model: Dahl,
 }

@@ -6,6 +6,7 @@ use crate::position::Position;
 
 /// Coefficients of the tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Coefficients {
     /// The friction model.
     pub friction: dahl::Coefficients,
@@ -15,6 +16,7 @@ pub struct Coefficients {
 
 /// The model's memory.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct State {
     model: Dahl,
 }

@@ -126,6 +126,7 @@ impl Correction {
 
 /// Coefficients of the interpolation.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Coefficients {
     /// Where the correction begins.
     pub correction: Correction,
@@ -138,6 +139,7 @@ pub struct Coefficients {
 /// What is left on the corrected circle, to first order: `x = (1 + size + stretch)·cos φ + cos_offset`,
 /// `y = (1 + size − stretch)·sin φ + shear·cos φ + sin_offset`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 struct Residual {
     cos_offset: f32,
     sin_offset: f32,

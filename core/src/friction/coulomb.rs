@@ -2,6 +2,7 @@
 
 /// Parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Coefficients {
     /// Level of Coulomb friction F_C, N, at least 0.
     pub coulomb_n: f32,

@@ -5,6 +5,7 @@ use crate::position::Position;
 
 /// Parameters, in the units of the tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Coefficients {
     /// Initial contact stiffness σ, N/m.
     pub stiffness_n_per_m: f32,
@@ -18,6 +19,7 @@ pub struct Coefficients {
 
 /// The model's memory: friction since the last reversal is a function of the distance from there (7.5).
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Dahl {
     branch: Branch,
     /// Friction force where it began, N.

@@ -8,6 +8,7 @@ use super::stribeck::Level;
 
 /// Parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Coefficients {
     /// Stiffnesses k_i and saturations F_i^sat of the hysteresis.
     pub elements: Elements,
@@ -23,6 +24,7 @@ pub struct Coefficients {
 
 /// How sliding friction comes to s(v).
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Law {
     /// (2.9) corrected: `dz/dt = v (1 − sgn(F_h/(s sgn v)) |F_h/s|^n)` for the deflection of all elements, which saturate at their own
     /// F_i^sat.
@@ -49,6 +51,7 @@ const NO_RATE: f32 = 1e-7;
 
 /// The forces of the elements.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Gms {
     element_n: [f32; MAX_ELEMENTS],
     sliding: [bool; MAX_ELEMENTS],

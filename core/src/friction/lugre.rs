@@ -4,6 +4,7 @@ use super::stribeck::Level;
 
 /// Parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Coefficients {
     /// Stiffness of the bristles σ0, N/m, above 0.
     pub stiffness_n_per_m: f32,
@@ -17,6 +18,7 @@ pub struct Coefficients {
 
 /// The bristles' deflection.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct LuGre {
     /// z, m. Within ±F_s/σ0 without a driving term.
     pub deflection_m: f32,

@@ -8,6 +8,7 @@ pub const MAX_ELEMENTS: usize = 12;
 
 /// Spring-slider elements in parallel; those beyond the last one are 0.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Elements {
     /// Stiffness of each element k_i, N/m, at least 0.
     pub stiffness_n_per_m: [f32; MAX_ELEMENTS],
@@ -68,6 +69,7 @@ impl Elements {
 
 /// Parameters, in the units of the tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Coefficients {
     /// Stiffnesses and saturations.
     pub elements: Elements,
@@ -79,6 +81,7 @@ pub struct Coefficients {
 
 /// The model's memory: what each element held at the last reversal, and how far the axis has come since.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct MaxwellSlip {
     branch: Branch,
     /// Forces of the elements where it began, in the direction of the branch, N.

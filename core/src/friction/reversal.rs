@@ -4,6 +4,7 @@ use crate::position::Position;
 
 /// The branch between two velocity reversals that the axis is on.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Branch {
     /// Where the last reversal was.
     anchor: Position,

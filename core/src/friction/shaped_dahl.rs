@@ -4,6 +4,7 @@
 
 /// Parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Coefficients {
     /// Initial contact stiffness σ, N/m, above 0.
     pub stiffness_n_per_m: f32,
@@ -15,6 +16,7 @@ pub struct Coefficients {
 
 /// Friction as a fraction of F_C, so that new coefficients keep what is remembered.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ShapedDahl {
     /// F/F_C, within ±1.
     fraction: f32,

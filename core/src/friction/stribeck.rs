@@ -4,6 +4,7 @@ use super::coulomb::sign;
 
 /// The level of sliding friction, even in velocity: `s(v) = F_C + (F_s − F_C) exp(−|v/V_s|^δ)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Level {
     /// Level of kinetic (Coulomb) friction F_C, N, above 0.
     pub coulomb_n: f32,
@@ -17,6 +18,7 @@ pub struct Level {
 
 /// Parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Coefficients {
     /// The curve.
     pub level: Level,

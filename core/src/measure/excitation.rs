@@ -72,6 +72,7 @@ pub struct Request {
 
 /// A course that is checked and ready to be played.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 enum Wave {
     Tone(Tone),
     DecayingSine(DecayingSine),
@@ -80,6 +81,7 @@ enum Wave {
 
 /// A request that is checked and ready to be played.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Order {
     wave: Wave,
     node: Node,
@@ -169,12 +171,13 @@ pub struct Added {
 
 /// The excitation under way, or the last one.
 #[derive(Clone, Copy, Debug, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Excitation {
     order: Option<Order>,
     progress: Progress,
     start: Position,
     reference: Option<Complex>,
-    correlator: Correlator<3>,
+    correlator: Correlator,
 }
 
 impl Excitation {

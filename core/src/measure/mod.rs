@@ -35,6 +35,7 @@ pub const MAX_HZ: f32 = 0.45 * SERVO_HZ as f32;
 
 /// A constant value for some ticks, then nothing.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Pulse {
     /// The value, in the caller's unit.
     pub amplitude: f32,

@@ -17,6 +17,7 @@ pub struct Complex {
 ///
 /// Double precision: after an hour of ticks amplitude and phase are still exact to 1e-8.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Phasor {
     value: Complex,
     step: Complex,

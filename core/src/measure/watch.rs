@@ -4,6 +4,7 @@ use crate::position::Position;
 
 /// Limits while an excitation acts.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Bounds {
     /// Largest distance from where it began, counts.
     pub travel_ct: u32,

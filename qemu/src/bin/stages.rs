@@ -8,6 +8,7 @@
 use core::hint::black_box;
 
 use servo_core::axis::ServoOutput;
+use servo_core::black_box::{ENTRY_WORDS, Entry, Recorder};
 use servo_core::capture::Capture;
 use servo_core::cascade;
 use servo_core::compensator::Situation;
@@ -58,14 +59,14 @@ fn run() -> Result<Digest, Failure> {
         let k = drive.config().current;
         let bridge = regions::current_loop(&mut current, &k, &output.demand, tick.sample.phases, 0);
         let sample = capture.step(&output.record);
-        digest.servo(&ServoOutput { bridge, record: output.record, outcome: output.outcome, sample });
+        digest.servo(&ServoOutput { bridge, record: output.record, inputs, outcome: output.outcome, sample });
         let mut is_on = bridge.enabled;
         for (i, phases) in tick.phases.into_iter().enumerate() {
             let bridge = regions::current_loop(&mut current, &k, &output.demand, phases, i as u32 + 1);
             digest.period(bridge);
             is_on = bridge.enabled;
         }
-        stages.follow(drive.config(), tick, &output.record, &output.demand);
+        stages.follow(drive.config(), tick, &inputs, &output.record, &output.demand);
         Class::of(drive.config(), was_on, &output.record, output.outcome, is_on).tell();
         Ok(())
     })
@@ -77,6 +78,8 @@ struct Stages {
     cascade: cascade::State,
     niasa: OnDahl,
     settling: Monitor,
+    recorder: Recorder,
+    entries: [Entry; 8],
     tracker: Tracker,
     interpolator: Interpolator,
     sin_cos: sincos::Coefficients,
@@ -90,6 +93,8 @@ impl Stages {
             cascade: cascade::State::default(),
             niasa: OnDahl::relaxed(at),
             settling: Monitor::default(),
+            recorder: Recorder::recording(),
+            entries: [Entry([0; ENTRY_WORDS]); 8],
             tracker: Tracker::default(),
             interpolator: Interpolator::default(),
             sin_cos: sincos::Coefficients {
@@ -100,7 +105,8 @@ impl Stages {
         }
     }
 
-    fn follow(&mut self, config: &Config, tick: &Tick, record: &TickRecord, demand: &Demand) {
+    fn follow(&mut self, config: &Config, tick: &Tick, inputs: &Inputs, record: &TickRecord, demand: &Demand) {
+        regions::black_box_entry(&mut self.recorder, &mut self.entries, inputs, record);
         let _ = black_box(regions::biss_decode(tick.sample.frame));
         black_box(regions::sin_cos_position(
             &mut self.tracker,

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use anyhow::{Context, Result};
 
 /// Exit code of a process that the second Ctrl-C ended: 128 + SIGINT.
-const INTERRUPTED: i32 = 130;
+pub const INTERRUPTED: u8 = 130;
 
 static STOP: AtomicBool = AtomicBool::new(false);
 
@@ -14,13 +14,21 @@ static STOP: AtomicBool = AtomicBool::new(false);
 /// # Errors
 /// When no handler can be installed.
 pub fn flag() -> Result<&'static AtomicBool> {
+    flag_saying("ending after what is under way; Ctrl-C again ends at once")
+}
+
+/// The same, with other words at the first Ctrl-C; those of the first call stay.
+///
+/// # Errors
+/// When no handler can be installed.
+pub fn flag_saying(words: &'static str) -> Result<&'static AtomicBool> {
     static INSTALLED: AtomicBool = AtomicBool::new(false);
     if !INSTALLED.swap(true, Ordering::Relaxed) {
-        ctrlc::set_handler(|| {
+        ctrlc::set_handler(move || {
             if STOP.swap(true, Ordering::Relaxed) {
-                std::process::exit(INTERRUPTED);
+                std::process::exit(INTERRUPTED.into());
             }
-            eprintln!("\nending after what is under way; Ctrl-C again ends at once");
+            eprintln!("\n{words}");
         })
         .context("cannot listen for Ctrl-C")?;
     }

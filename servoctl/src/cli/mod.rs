@@ -6,22 +6,29 @@
 //! [`output::Json::write`]; progress goes to standard error.
 
 pub mod commission;
+pub mod drive;
 pub mod fit;
 pub mod interrupt;
 pub mod merge;
 pub mod output;
 pub mod progress;
+pub mod reference;
 pub mod report;
 pub mod reproduce;
 pub mod theory;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 use std::process::ExitCode;
+
+use drive::{Link, capture, faults, identity, log, motion, params, scope, sequence, stream, virtual_drive, watch};
 
 /// Talks to a servo drive, runs its experiments and reports them.
 #[derive(Debug, Parser)]
 #[command(name = "servoctl", version)]
 pub struct Arguments {
+    /// Which drive.
+    #[command(flatten)]
+    pub link: Link,
     /// What to do.
     #[command(subcommand)]
     pub command: Command,
@@ -30,6 +37,48 @@ pub struct Arguments {
 /// The sub-commands.
 #[derive(Debug, Subcommand)]
 pub enum Command {
+    /// Who the drive is: board, firmware, parameters
+    Info(identity::Options),
+    /// What the drive is doing
+    Status(identity::Options),
+    /// Close the loops at the present position
+    Enable(identity::Options),
+    /// Turn the bridge off
+    Disable(identity::Options),
+    /// Move, and report how the stage settled
+    Move(motion::Options),
+    /// Carry out the commands of a file
+    Sequence(sequence::Options),
+    /// Brake to rest
+    Stop(identity::Options),
+    /// Show, change, store and compare parameters
+    Params(params::Options),
+    /// Show the fault, or acknowledge it
+    Faults(faults::Options),
+    /// Print signals line by line
+    Watch(watch::Options),
+    /// Record every servo tick in the drive and write it to a file
+    Capture(capture::Options),
+    /// Write signals of every servo tick to a file as they come
+    Stream(stream::Options),
+    /// Serve a page on this computer: live traces, moves, settling, parameters
+    Scope(scope::Options),
+    /// Print the firmware's log
+    Log(log::Options),
+    /// Start the firmware anew (bridge off)
+    Restart(identity::Options),
+    /// List serial ports that may be drives
+    Ports(identity::Options),
+    /// Start or end the virtual drive of this computer
+    Virtual(virtual_drive::Options),
+    /// Print a script that completes this program's commands in a shell
+    Completions {
+        /// Which shell
+        shell: clap_complete::Shell,
+    },
+    /// Print the page of all commands
+    #[command(hide = true)]
+    Reference,
     /// Settling in theory (chapter 7 of the thesis): friction observer against NIASA, with a wrong friction model
     #[command(subcommand)]
     Theory(theory::Options),
@@ -46,10 +95,11 @@ pub enum Command {
     Merge(merge::Options),
 }
 
-/// Parses the process' arguments and does what they say; errors go to standard error, with exit code 1 (2 from clap).
+/// Parses the process' arguments and does what they say; errors go to standard error, with exit code 1 (2 from clap, 130 after
+/// Ctrl-C).
 pub fn main() -> ExitCode {
-    match run(&Arguments::parse().command) {
-        Ok(()) => ExitCode::SUCCESS,
+    match run(&Arguments::parse()) {
+        Ok(code) => code,
         Err(error) => {
             eprintln!("error: {error:#}");
             ExitCode::FAILURE
@@ -57,12 +107,38 @@ pub fn main() -> ExitCode {
     }
 }
 
-/// Does what a command says.
+/// Does what the arguments say.
 ///
 /// # Errors
 /// What a person can do something about, in words.
-pub fn run(command: &Command) -> anyhow::Result<()> {
-    match command {
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+    let link = &arguments.link;
+    match &arguments.command {
+        Command::Info(options) => identity::info(link, options),
+        Command::Status(options) => identity::status(link, options),
+        Command::Enable(options) => identity::enable(link, options),
+        Command::Disable(options) => identity::disable(link, options),
+        Command::Move(options) => return motion::run(link, options),
+        Command::Sequence(options) => return sequence::run(link, options),
+        Command::Stop(options) => identity::stop(link, options),
+        Command::Params(options) => params::run(link, options),
+        Command::Faults(options) => faults::run(link, options),
+        Command::Watch(options) => watch::run(link, options),
+        Command::Capture(options) => return capture::run(link, options),
+        Command::Stream(options) => return stream::run(link, options),
+        Command::Scope(options) => scope::run(link, options),
+        Command::Log(options) => log::run(link, options),
+        Command::Restart(options) => identity::restart(link, options),
+        Command::Ports(options) => identity::ports(options),
+        Command::Virtual(options) => virtual_drive::run(options),
+        Command::Completions { shell } => {
+            clap_complete::generate(*shell, &mut Arguments::command(), "servoctl", &mut std::io::stdout());
+            Ok(())
+        }
+        Command::Reference => {
+            print!("{}", reference::page());
+            Ok(())
+        }
         Command::Theory(options) => theory::run(options),
         Command::Reproduce(options) => reproduce::run(options),
         Command::Fit(options) => fit::run(options),
@@ -70,12 +146,12 @@ pub fn run(command: &Command) -> anyhow::Result<()> {
         Command::Report(options) => report::run(options),
         Command::Merge(options) => merge::run(options),
     }
+    .map(|()| ExitCode::SUCCESS)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use clap::CommandFactory;
 
     #[test]
     fn the_command_tree_is_consistent() {

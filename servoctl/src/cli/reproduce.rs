@@ -39,6 +39,9 @@ pub struct Options {
     /// exp2: error of the feedforward mass in percent, −20 to 20; repeatable [default: −2, −1, 0, 1, 2]
     #[arg(long, value_name = "PERCENT", allow_negative_numbers = true, value_delimiter = ',')]
     mass_error: Vec<f64>,
+    /// Only these configurations, by name, beside the first, which everything is compared with [default: all]
+    #[arg(long, value_name = "NAMES", value_delimiter = ',', conflicts_with = "shard")]
+    configs: Vec<String>,
     /// Compute only the I-th of N parts and write it to the --json file, for `servoctl merge`
     #[arg(long, value_name = "I/N", requires = "json")]
     shard: Option<Shard>,
@@ -149,6 +152,7 @@ impl Options {
         if self.shard.is_some() && !settling {
             bail!("shard is an option of the settling experiments, not of {name}");
         }
+        ensure!(self.configs.is_empty() || settling, "configs is an option of the settling experiments, not of {name}");
         let has_mass_error = matches!(self.name, Name::Exp2 | Name::All);
         ensure!(self.mass_error.is_empty() || has_mass_error, "mass-error is an option of exp2, not of {name}");
         for percent in &self.mass_error {
@@ -196,7 +200,7 @@ fn all(options: &Options, stage: &Stage) -> Result<Found> {
 fn one(options: &Options, name: Name, stage: &Stage) -> Result<Found> {
     let seed = options.seed;
     match name.kind() {
-        Kind::Settling(experiment) => settling(options.request(experiment, *stage)),
+        Kind::Settling(experiment) => settling(options.request(experiment, *stage), &options.configs),
         Kind::LoopTransmission => {
             let run = |watch: Watch| loop_transmission::run(stage, seed, watch);
             let found: LoopTransmission = measured(name, loop_transmission::SWEEPS, "sweeps", run)?;
@@ -209,7 +213,7 @@ fn one(options: &Options, name: Name, stage: &Stage) -> Result<Found> {
             Ok((found.to_text(), serde_json::to_value(&found)?))
         }
         Kind::Models => {
-            let found = models::run();
+            let found = measured(name, models::FITS, "fits", |watch| Ok(models::run(watch)))?;
             Ok((found.to_text(), serde_json::to_value(&found)?))
         }
         Kind::IdentificationStudy => {
@@ -238,9 +242,10 @@ fn measured<T>(
     found.context("ended before it was finished: nothing to show")
 }
 
-fn settling(request: Request) -> Result<Found> {
+fn settling(request: Request, configs: &[String]) -> Result<Found> {
     let name = request.experiment.name();
     let plan = planned(&request)?;
+    let plan = if configs.is_empty() { plan } else { plan.only(configs).map_err(anyhow::Error::msg)? };
     let progress = Progress::new(name, plan.campaign.moves_of(Shard::ALL), "moves");
     let finished = |moves| progress.advance(moves);
     let passes = plan.campaign.run(Shard::ALL, Watch { stop: interrupt::flag()?, finished: &finished })?;

@@ -3,12 +3,13 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use servo_core::SERVO_HZ;
-use servo_core::capture;
+use servo_core::capture::{self, Trigger};
 use servo_core::config::Compensator;
 use servo_core::fault::Fault;
 use servo_core::measure::{self, Progress, Reading};
 use servo_core::parameters::Settings;
 use servo_core::profile::Limits;
+use servo_core::record::Selection;
 use servo_core::state::State;
 
 use super::Failure;
@@ -81,7 +82,7 @@ pub trait Link {
     /// # Errors
     /// That of the line.
     fn reading(&mut self) -> Result<Reading, Failure>;
-    /// Orders a capture: it begins when a profile ends or an excitation begins.
+    /// Orders a capture of error, position and force.
     ///
     /// # Errors
     /// As for [`Link::configure`].
@@ -233,7 +234,12 @@ impl Session<'_> {
     /// The drive's refusal, a fault.
     pub fn capture(&mut self, order: &Order, length_s: f64, every_ticks: u32) -> Result<Vec<Sample>, Failure> {
         let samples = (length_s * f64::from(SERVO_HZ) / f64::from(every_ticks)).round() as u32;
-        self.link.arm(capture::Order { samples, every_ticks })?;
+        let trigger = match order {
+            Order::Excite(_) => Trigger::Excitation,
+            _ => Trigger::MoveEnd,
+        };
+        let words = Selection::ERROR_POSITION_FORCE;
+        self.link.arm(capture::Order { words, samples, before: 0, every_ticks, trigger })?;
         self.link.order(order)?;
         self.until("a capture", |s| s.link.captured())
     }

@@ -20,7 +20,8 @@ pub struct Simulated {
     bench: FastBench,
     settings: Settings,
     capture: Capture,
-    words: Vec<[u32; capture::WORDS_PER_SAMPLE as usize]>,
+    /// Position, error and force of each sample.
+    words: Vec<[u32; 3]>,
     last: TickRecord,
     /// Parameters of the last save.
     pub saved: Option<Settings>,
@@ -86,7 +87,9 @@ impl Simulated {
     fn tick(&mut self, command: Option<Command>) -> drive::Outcome {
         let output = self.bench.tick(command);
         self.last = output.record;
-        self.words.extend(self.capture.step(&output.record).map(|sample| sample.words));
+        if let Some(sample) = self.capture.step(&output.record) {
+            self.words.push([sample.words[0], sample.words[1], sample.words[2]]);
+        }
         output.outcome.unwrap_or(Ok(()))
     }
 
@@ -140,8 +143,8 @@ impl Link for Simulated {
         if !matches!(self.capture.progress(), capture::Progress::Complete(_)) {
             return Ok(None);
         }
-        let (count_m, first) = (self.settings.encoder_count_m, self.words[0][1]);
-        let sample = |[error, position, force]: &[u32; 3]| Sample {
+        let (count_m, first) = (self.settings.encoder_count_m, self.words[0][0]);
+        let sample = |[position, error, force]: &[u32; 3]| Sample {
             error_m: f64::from(*error as i32) * count_m,
             position_m: f64::from(position.wrapping_sub(first) as i32) * count_m,
             force_n: f64::from(f32::from_bits(*force)),

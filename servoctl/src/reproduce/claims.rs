@@ -49,6 +49,23 @@ pub fn of(run: &Run) -> Vec<Claim> {
             add("4.2.2", "a friction observer converges to zero error slowly, if at all", Some(holds), found);
         }
     }
+    for name in ["lugre-observer, scaled", "dahl-observer, scaled"] {
+        if let Some((observer, niasa)) = of(name).zip(of("niasa")) {
+            let slower = |t: usize| match (mean_ms(observer, t), mean_ms(niasa, t)) {
+                (Some(observer), Some(niasa)) => observer > niasa,
+                _ => true,
+            };
+            let unsettled: usize = observer.settling.unsettled.iter().sum();
+            let holds = unsettled > 0 || (0..observer.settling.mean_ms.len()).all(slower);
+            let found = format!("{name}: {}, NIASA {}", settling(observer, TEN_NM), settling(niasa, TEN_NM));
+            add(
+                "4.2.2",
+                "also with as much of the model as settles best, it settles more slowly than NIASA",
+                Some(holds),
+                found,
+            );
+        }
+    }
     if let Some(scheduled) = of("scheduled-pd") {
         let nm = scheduled.steady_error_nm.unwrap_or(f64::INFINITY);
         let found = format!("{} nm rms stay; {}", number(nm, 1), settling(scheduled, FINEST));

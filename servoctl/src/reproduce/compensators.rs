@@ -110,11 +110,11 @@ fn grid() -> Vec<Candidate> {
     let mut add = |name, words: String, integral, change: Change| {
         grid.push(Candidate { name, words, integral, change });
     };
-    for factor in [1.0, 1.7, 3.0] {
+    for factor in [1.0, 1.7, 3.0, 5.0, 8.0] {
         add("pid, k_I tuned", format!("k_I × {factor}"), factor, Box::new(|s| s));
     }
     for (model, name) in ["Coulomb", "Stribeck", "Dahl", "LuGre", "GMS"].into_iter().enumerate() {
-        for share in [0.5, 1.0] {
+        for share in [0.25, 0.5, 1.0] {
             let change = move |s| {
                 let scaled = friction(s, 1.0, share);
                 with(Settings { feedforward_model: model as f64, ..scaled }, Compensator::Feedforward)
@@ -122,9 +122,15 @@ fn grid() -> Vec<Candidate> {
             add("feedforward", format!("{name}, F_C × {share}"), 1.0, Box::new(change));
         }
     }
-    for (name, kind) in [("lugre-observer", Compensator::LugreObserver), ("dahl-observer", Compensator::DahlObserver)] {
-        for share in [0.25, 0.5, 0.75, 1.0] {
-            for tau_s in [0.01, 0.03, 0.1] {
+    // With friction as it was identified, which is what chapter 4 is about, and with as much of it as settles best.
+    for (name, scaled, kind) in [
+        ("lugre-observer", "lugre-observer, scaled", Compensator::LugreObserver),
+        ("dahl-observer", "dahl-observer, scaled", Compensator::DahlObserver),
+    ] {
+        for (name, shares) in [(name, &[1.0][..]), (scaled, &[0.05, 0.1, 0.25, 0.5, 0.75][..])] {
+            for (share, tau_s) in
+                shares.iter().flat_map(|share| [0.003, 0.01, 0.03, 0.1, 0.3].map(|tau_s| (*share, tau_s)))
+            {
                 let change = move |s| {
                     let scaled = friction(s, share, share);
                     with(Settings { observer_time_constant_s: tau_s, ..scaled }, kind)
@@ -147,8 +153,8 @@ fn grid() -> Vec<Candidate> {
         ("niasa-maxwell", Compensator::NiasaMaxwell, true),
         ("niasa-maxwell-7.55", Compensator::NiasaMaxwell, false),
     ] {
-        for factor in [1.0, 2.0] {
-            for tau_s in [0.003, 0.006, 0.01, 0.02] {
+        for factor in [0.5, 1.0, 2.0, 4.0] {
+            for tau_s in [0.001, 0.002, 0.003, 0.006, 0.01, 0.02] {
                 let change = move |s: Settings| {
                     let niasa = Settings {
                         niasa_stiffness_n_per_m: factor * s.niasa_stiffness_n_per_m,

@@ -196,6 +196,36 @@ impl Plan {
         })
     }
 
+    /// The same with only the named configurations beside each comparison's baseline, which stays.
+    ///
+    /// # Errors
+    /// A name that no configuration has, with the names that there are.
+    pub fn only(mut self, names: &[String]) -> Result<Plan, String> {
+        let cases = std::mem::take(&mut self.campaign.cases);
+        if let Some(unknown) = names.iter().find(|name| cases.iter().all(|case| case.name != **name)) {
+            let mut known: Vec<&str> = Vec::new();
+            for case in &cases {
+                if !known.contains(&case.name.as_str()) {
+                    known.push(&case.name);
+                }
+            }
+            return Err(format!("configs: {unknown} is not one of {}", known.join(", ")));
+        }
+        for comparison in &mut self.comparisons {
+            let baseline = comparison.cases[0];
+            comparison.cases.retain(|case| *case == baseline || names.contains(&cases[*case].name));
+            for index in &mut comparison.cases {
+                let case = &cases[*index];
+                let kept = &mut self.campaign.cases;
+                *index = kept.iter().position(|known| known == case).unwrap_or_else(|| {
+                    kept.push(case.clone());
+                    kept.len() - 1
+                });
+            }
+        }
+        Ok(self)
+    }
+
     /// PID; with NIASA as the thesis' experiments had it (App. E); with NIASA as the drive has it by default (7.55).
     fn pid_and_niasa(&mut self, settings: Settings, steps: Steps, tolerances_nm: &[u32]) -> [usize; 3] {
         let (stage, niasa) = (self.request.stage, with(settings, Compensator::Niasa));

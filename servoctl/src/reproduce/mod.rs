@@ -26,4 +26,4 @@ pub mod pass;
 pub mod sensitivity;
 pub mod shard;
 pub mod step_100um;
-mod words;
+pub mod words;

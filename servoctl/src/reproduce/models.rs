@@ -1,8 +1,12 @@
 //! Friction models fitted to the same oscillation (2.1 to 2.5, figures 4 to 10).
 
-use serde::Serialize;
-use servo_sim::friction::curves::{self, Fit, Motion};
+use std::sync::atomic::Ordering;
 
+use rayon::prelude::*;
+use serde::Serialize;
+use servo_sim::friction::curves::{self, FIGURES_5_TO_10, Fit, Motion};
+
+use super::campaign::Watch;
 use crate::settling::round_to;
 use crate::table::{Table, number};
 
@@ -54,17 +58,26 @@ pub struct Model {
     pub force_n: Vec<f64>,
 }
 
-/// Computes figure 4 and fits the models.
-pub fn run() -> Models {
+/// Number of fits, for progress.
+pub const FITS: u64 = FIGURES_5_TO_10.len() as u64;
+
+/// Computes figure 4 and fits the models; nothing if it was stopped.
+pub fn run(watch: Watch) -> Option<Models> {
     let motion = curves::figure_4();
     let force_rms_n = libm::sqrt(motion.force_n.iter().map(|f| f * f).sum::<f64>() / motion.force_n.len() as f64);
-    Models {
+    let fit = |fit: &fn(&Motion) -> Fit| {
+        let found = (!watch.stop.load(Ordering::Relaxed)).then(|| Model::new(fit(&motion), force_rms_n));
+        (watch.finished)(1);
+        found
+    };
+    let fits = FIGURES_5_TO_10.par_iter().with_max_len(1).map(fit).collect::<Option<_>>()?;
+    Some(Models {
         experiment: "models",
         thesis_section: "2.1 to 2.5",
         origin: ORIGIN,
-        fits: curves::figures_5_to_10(&motion).into_iter().map(|fit| Model::new(fit, force_rms_n)).collect(),
+        fits,
         motion: Curve::new(&motion, force_rms_n),
-    }
+    })
 }
 
 /// A number with four digits or so.

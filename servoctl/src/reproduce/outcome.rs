@@ -275,25 +275,25 @@ impl Run {
         }
         let name = if self.name.is_empty() { String::new() } else { format!("{}: ", self.name) };
         let caption = format!(
-            "{name}mean settling time after the end of the profile in ms (reduction against {}; unsettled moves): {}",
+            "{name}mean settling time after the end of the profile in ms (reduction against {}), where at least half of the moves settled: {}",
             self.configs[0].settling.name,
             self.conditions().caption(self.settling.moves)
         );
         let mut header = vec!["configuration".to_owned()];
         header.extend(self.settling.tolerances_nm.iter().map(|nm| format!("±{nm} nm")));
+        header.push("unsettled".to_owned());
         let header: Vec<&str> = header.iter().map(String::as_str).collect();
         self.configs.iter().enumerate().fold(Table::new(caption, &header), |table, (index, config)| {
             let cell = |t: usize| {
-                let Some(mean_ms) = config.settling.mean_ms[t] else { return MISSING.to_owned() };
-                let reduction =
-                    config.reduction_percent[t].filter(|_| index > 0).map(|r| format!("{} %", number(r, 0)));
-                let unsettled = Some(config.settling.unsettled[t]).filter(|n| *n > 0).map(|n| format!("{n} not"));
-                let notes: Vec<String> = reduction.into_iter().chain(unsettled).collect();
-                let notes = if notes.is_empty() { String::new() } else { format!(" ({})", notes.join("; ")) };
-                format!("{}{notes}", number(mean_ms, 1))
+                let Some(mean_ms) = config.typical_ms(t) else { return MISSING.to_owned() };
+                let reduction = config.reduction_percent[t].filter(|_| index > 0);
+                number(mean_ms, 1) + &reduction.map_or(String::new(), |r| format!(" ({} %)", number(r, 0)))
             };
             let cells = (0..self.settling.tolerances_nm.len()).map(cell);
-            table.row(std::iter::once(config.settling.name.clone()).chain(cells))
+            let mut unsettled: Vec<String> = config.settling.unsettled.iter().map(usize::to_string).collect();
+            unsettled.dedup();
+            let name = std::iter::once(config.settling.name.clone());
+            table.row(name.chain(cells).chain([unsettled.join(" / ")]))
         })
     }
 }
@@ -312,6 +312,12 @@ fn rms_nm(case: &Case, sums: impl Iterator<Item = Squares>) -> Option<f64> {
 }
 
 impl ConfigOutcome {
+    /// Mean settling time at a tolerance (ms) if at least half of the moves settled: else it is of those that were lucky.
+    pub fn typical_ms(&self, tolerance: usize) -> Option<f64> {
+        let mean_ms = self.settling.mean_ms.get(tolerance).copied().flatten();
+        mean_ms.filter(|_| 2 * self.settling.unsettled[tolerance] <= self.settling.settling_ms.len())
+    }
+
     fn new(case: &Case, moves: &[&MoveResult], settling: &Config, baseline: &Config) -> Self {
         let rms_nm = |of: fn(&MoveResult) -> Squares| {
             let finished = moves.iter().filter(|m| m.fault.is_none());

@@ -7,7 +7,7 @@ use servo_host_tests::experiment::Steps;
 use servo_host_tests::tuning::{self, STANDARD};
 
 use super::experiments::{FIVE_MM_SLOW, Plan, appendix_e, with};
-use crate::settling::TOLERANCES_NM;
+use crate::settling::{TOLERANCES_NM, round_to};
 
 /// Time after each profile, s: NIASA needs a tenth of it, PID alone at ±3 nm sometimes more.
 const DWELL_S: f64 = 2.0;
@@ -24,7 +24,7 @@ type Variation = (&'static str, Vec<Value>);
 
 /// Factors on a parameter with their names.
 fn factors(what: &str, unit: &str, nominal: f64, factors: &[f64], change: fn(Settings, f64) -> Settings) -> Vec<Value> {
-    factors.iter().map(|f| (format!("{what} {:.3} {unit}", nominal * f), change, *f)).collect()
+    factors.iter().map(|f| (format!("{what} {} {unit}", round_to(nominal * f, 3)), change, *f)).collect()
 }
 
 /// The comparisons: a parameter each, all of its values beside PID; then stage by stage.

@@ -155,7 +155,9 @@ struct Work<'a> {
 pub fn run(request: Request, observer: &dyn Observer) -> Result<Computed> {
     let mut work = Work { computed: Computed { request, ..Computed::default() }, observer };
     work.part("2 friction models", |w| {
-        let found = fits::run();
+        let finished = w.observer.begin("models", fits::FITS, "fits");
+        let Some(found) = fits::run(Watch { stop: w.observer.stop(), finished: &finished }) else { return Ok(None) };
+        drop(finished);
         w.keep("models", &found)?;
         Ok(Some(models::section(&found)))
     })?;

@@ -58,6 +58,14 @@ impl Section {
         self
     }
 
+    /// Adds the conditions of everything that follows in the section, by name: captions do not repeat them.
+    #[must_use]
+    pub fn conditions<V: Into<String>>(mut self, conditions: impl IntoIterator<Item = (&'static str, V)>) -> Section {
+        let named = conditions.into_iter().map(|(name, value)| (name.to_owned(), value.into()));
+        self.blocks.push(Block::Facts(named.collect()));
+        self
+    }
+
     /// Adds a paragraph.
     #[must_use]
     pub fn text(mut self, text: impl Into<String>) -> Section {
@@ -69,7 +77,7 @@ impl Section {
     #[must_use]
     pub fn figure(mut self, numbers: &[u8], panels: impl Into<Vec<Plot>>, caption: impl Into<String>) -> Section {
         self.shows.extend(numbers.iter().map(|n| Shown::Figure(*n)));
-        let caption = [as_in("figure", numbers), caption.into()].concat();
+        let caption = captioned("figure", numbers, caption.into());
         self.blocks.push(Block::Figure { panels: panels.into(), caption });
         self
     }
@@ -78,18 +86,23 @@ impl Section {
     #[must_use]
     pub fn table(mut self, numbers: &[u8], mut table: Table) -> Section {
         self.shows.extend(numbers.iter().map(|n| Shown::Table(*n)));
-        table.caption = [as_in("table", numbers), table.caption].concat();
+        table.caption = captioned("table", numbers, table.caption);
         self.blocks.push(Block::Table(table));
         self
     }
 }
 
-/// `Thesis figures 63 and 64: `, or nothing without numbers. Three or more in a row are shown as a range.
-fn as_in(kind: &str, numbers: &[u8]) -> String {
+/// A caption behind `Thesis figures 63 and 64: `; without numbers the caption itself, with a capital.
+fn captioned(kind: &str, numbers: &[u8], caption: String) -> String {
     let plural = if numbers.len() > 1 { "s" } else { "" };
-    match numbers {
-        [] => String::new(),
-        numbers => format!("Thesis {kind}{plural} {}: ", enumerate(numbers)),
+    if !numbers.is_empty() {
+        return format!("Thesis {kind}{plural} {}: {caption}", enumerate(numbers));
+    }
+    // A letter with an index is a symbol, not the beginning of a word.
+    let mut rest = caption.chars();
+    match rest.next() {
+        Some(first) if rest.as_str().starts_with(char::is_lowercase) => first.to_uppercase().chain(rest).collect(),
+        _ => caption,
     }
 }
 
@@ -124,6 +137,7 @@ mod tests {
         let section = Section::new("x").table(&[3], Table::new("noise", &[])).figure(&[], [], "ours");
         assert_eq!(section.shows, [Shown::Table(3)]);
         assert!(matches!(&section.blocks[0], Block::Table(t) if t.caption == "Thesis table 3: noise"));
-        assert!(matches!(&section.blocks[1], Block::Figure { caption, .. } if caption == "ours"));
+        assert!(matches!(&section.blocks[1], Block::Figure { caption, .. } if caption == "Ours"));
+        assert_eq!(captioned("table", &[], "σ and F_C".into()), "σ and F_C");
     }
 }

@@ -57,25 +57,8 @@ pub fn figure_4() -> Motion {
     Motion { time_s, position_m, velocity_m_per_s, force_n }
 }
 
-/// Figures 5 to 10: viscous, Coulomb, both, Dahl, LuGre and GMS, each fitted to the motion.
-pub fn figures_5_to_10(motion: &Motion) -> Vec<Fit> {
-    let velocity = &motion.velocity_m_per_s;
-    let sign: Vec<f64> = velocity.iter().map(|v| if *v == 0.0 { 0.0 } else { v.signum() }).collect();
-    let linear = |figure, name, names: &[&str], columns: &[&[f64]]| {
-        let weights = least_squares(columns, &motion.force_n);
-        let force_n = combine(columns, &weights);
-        finish(figure, name, names.iter().map(|name| name.to_string()).zip(weights).collect(), force_n, motion)
-    };
-    let (viscous, coulomb) = ("viscous_n_s_per_m", "coulomb_n");
-    vec![
-        linear(5, "viscous", &[viscous], &[velocity]),
-        linear(6, "Coulomb", &[coulomb], &[&sign]),
-        linear(7, "Coulomb and viscous", &[coulomb, viscous], &[&sign, velocity]),
-        dahl(motion),
-        lugre(motion),
-        gms(motion),
-    ]
-}
+/// Figures 5 to 10, each model fitted to the motion: viscous, Coulomb, both, Dahl, LuGre and GMS. The last three search: seconds.
+pub const FIGURES_5_TO_10: [fn(&Motion) -> Fit; 6] = [viscous, coulomb, coulomb_and_viscous, dahl, lugre, gms];
 
 /// The force of a model that is moved through the positions (m), from rest at 0, `dt_s` apart.
 pub fn along(mut friction: Friction, position_m: &[f64], dt_s: f64) -> Vec<f64> {
@@ -108,6 +91,35 @@ fn parallel(elements: Elements) -> Gms {
     let level = Level::constant(elements.coulomb_n());
     let law = gms::Law::Attraction { attraction_n_per_s: f64::INFINITY };
     Gms::new(gms::Parameters { elements, level, damping_n_s_per_m: 0.0, viscous_n_s_per_m: 0.0, law })
+}
+
+fn viscous(motion: &Motion) -> Fit {
+    linear(5, "viscous", &[(VISCOUS, &motion.velocity_m_per_s)], motion)
+}
+
+fn coulomb(motion: &Motion) -> Fit {
+    linear(6, "Coulomb", &[(COULOMB, &direction(motion))], motion)
+}
+
+fn coulomb_and_viscous(motion: &Motion) -> Fit {
+    let columns: [(&str, &[f64]); 2] = [(COULOMB, &direction(motion)), (VISCOUS, &motion.velocity_m_per_s)];
+    linear(7, "Coulomb and viscous", &columns, motion)
+}
+
+const VISCOUS: &str = "viscous_n_s_per_m";
+const COULOMB: &str = "coulomb_n";
+
+/// Sign of the velocity, 0 where there is none.
+fn direction(motion: &Motion) -> Vec<f64> {
+    motion.velocity_m_per_s.iter().map(|v| if *v == 0.0 { 0.0 } else { v.signum() }).collect()
+}
+
+/// A force that is a sum of columns, each with a parameter of its own.
+fn linear(figure: u32, name: &'static str, columns: &[(&str, &[f64])], motion: &Motion) -> Fit {
+    let (names, columns): (Vec<&str>, Vec<&[f64]>) = columns.iter().copied().unzip();
+    let weights = least_squares(&columns, &motion.force_n);
+    let force_n = combine(&columns, &weights);
+    finish(figure, name, names.iter().map(|name| name.to_string()).zip(weights).collect(), force_n, motion)
 }
 
 fn dahl(motion: &Motion) -> Fit {
@@ -256,7 +268,7 @@ mod tests {
     #[test]
     fn the_models_of_figures_5_to_10_come_nearer_and_nearer() {
         let motion = figure_4();
-        let fits = figures_5_to_10(&motion);
+        let fits = FIGURES_5_TO_10.map(|fit| fit(&motion));
         assert_eq!(fits.iter().map(|fit| fit.figure).collect::<Vec<_>>(), [5, 6, 7, 8, 9, 10]);
         let [viscous, coulomb, both, dahl, lugre, gms] = [0, 1, 2, 3, 4, 5].map(|i| fits[i].rms_n);
         // What the thesis sees in its figures, in words.
@@ -267,8 +279,8 @@ mod tests {
 
     #[test]
     fn the_rate_dependent_terms_of_lugre_are_insignificant() {
-        let fits = figures_5_to_10(&figure_4());
-        let [dahl, lugre] = [&fits[3], &fits[4]];
+        let motion = figure_4();
+        let (dahl, lugre) = (dahl(&motion), lugre(&motion));
         for i in 0..2 {
             let (a, b) = (dahl.parameters[i].1, lugre.parameters[i].1);
             assert!((a / b - 1.0).abs() < 0.15, "{:?} {:?}", dahl.parameters[i], lugre.parameters[i]);
@@ -285,7 +297,7 @@ mod tests {
         assert!((fit.parameters[0].1 / 3.3e6 - 1.0).abs() < 1e-4 && (fit.parameters[1].1 / 0.45 - 1.0).abs() < 1e-5);
         motion.force_n = motion.velocity_m_per_s.iter().map(|v| 0.4 * v.signum() + 55.0 * v).collect();
         motion.force_n[0] = 0.0;
-        let both = &figures_5_to_10(&motion)[2];
+        let both = coulomb_and_viscous(&motion);
         assert!((both.parameters[0].1 - 0.4).abs() < 1e-9 && (both.parameters[1].1 - 55.0).abs() < 1e-6);
     }
 

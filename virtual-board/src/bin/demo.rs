@@ -6,7 +6,6 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, ensure};
 use clap::Parser;
 use servo_core::SERVO_HZ;
-use servo_core::capture::Order;
 use servo_core::config::Compensator;
 use servo_core::parameters::Settings;
 use servo_core::position::Position;
@@ -48,7 +47,8 @@ const MOVE: Steps = Steps { dwell_s: 4.0, ..FIVE_MM_SLOW };
 /// CPU clock of the board, for cycle counts.
 const CYCLES_PER_US: f64 = 400.0;
 /// Error traces: 1 s at 2 kHz.
-const CAPTURE: Order = Order { samples: 2000, every_ticks: 4 };
+const CAPTURE_SAMPLES: u32 = 2000;
+const CAPTURE_EVERY_TICKS: u32 = 4;
 /// How much of a settling force–displacement loop is drawn, s.
 const LOOP_S: f64 = 0.5;
 /// Log and progress are shown this often.
@@ -155,7 +155,7 @@ fn run(
     let mut force = ForceTrace { displacement_nm: Vec::new(), force_n: Vec::new() };
     for index in 0..moves {
         session.board.redraw_friction(index)?;
-        session.arm_capture(CAPTURE)?;
+        session.arm_capture(CAPTURE_SAMPLES, CAPTURE_EVERY_TICKS)?;
         let target = MOVE.target(Position(0), index, settings.encoder_count_m);
         session.move_to(target.0, limits)?;
         if index == 0 {
@@ -209,7 +209,7 @@ fn loop_of(trace: &[servo_virtual_board::TruthSample], target_m: f64) -> ForceTr
 /// The drive's own capture of the last move.
 fn trace_of(session: &mut Session, nm_per_ct: f64) -> Result<MoveTrace> {
     let samples = session.read_capture()?;
-    let dt_s = f64::from(CAPTURE.every_ticks) / f64::from(SERVO_HZ);
+    let dt_s = f64::from(CAPTURE_EVERY_TICKS) / f64::from(SERVO_HZ);
     Ok(MoveTrace {
         time_s: (0..samples.len()).map(|i| i as f64 * dt_s).collect(),
         error_nm: samples.iter().map(|s| f64::from(s.error_ct) * nm_per_ct).collect(),

@@ -4,7 +4,6 @@ use servo_host_tests::frequency_response::Complex;
 
 use crate::plot::{Axis, Plot, Series};
 use crate::reproduce::loop_transmission::{Curve, LoopTransmission};
-use crate::reproduce::outcome::ORIGIN;
 use crate::table::number;
 use crate::thesis::section::Section;
 use crate::thesis::targets::Target;
@@ -34,7 +33,6 @@ pub fn section(measured: &LoopTransmission) -> Option<Section> {
     let fit = fit(&points);
     let explained = explained(&points, fit);
     let shown = format!("ω_n = 2π·{} Hz, ζ = {}", number(fit.natural_hz, 1), number(fit.damping, 2));
-    let friction = &measured.plant.friction;
     Some(
         Section::new("5.2 The closed loop as a second-order system")
             .finding(
@@ -42,16 +40,13 @@ pub fn section(measured: &LoopTransmission) -> Option<Section> {
                 format!("{shown}; explains {} % of it", number(100.0 * explained, 1)),
                 &[Check::within("share of the closed loop explained", Some(100.0 * explained), (100.0 * GOOD, 100.0), 1, "%")],
             )
+            .conditions(super::frequency::conditions(measured, "PID 100 Hz / 45°"))
             .figure(
                 &[16],
                 panels(&points, fit),
                 format!(
-                    "closed loop L/(1 + L) from the loop transmission at {} % of full current, and {shown}, fitted by least squares; \
-                     {ORIGIN} · tuning PID 100 Hz / 45° · plant {} kg, friction σ {} N/µm, F_C {} N",
-                    curve.amplitude_percent,
-                    measured.plant.mechanics.mass_kg,
-                    number(friction.stiffness_n_per_m * 1e-6, 2),
-                    number(friction.coulomb_n, 2)
+                    "closed loop L/(1 + L) from the loop transmission at {} % of full current, and {shown}, fitted by least squares",
+                    curve.amplitude_percent
                 ),
             ),
     )

@@ -1,15 +1,19 @@
 //! Every compensator on the same moves (ch. 4, 7, 11).
 
-use super::settling::{sample, tolerances};
+use super::settling::{conditions, sample, table, tolerances};
 use crate::plot::{Axis, Plot, Series};
 use crate::reproduce::outcome::{ConfigOutcome, Outcome, Run};
 use crate::thesis::section::Section;
 use crate::thesis::targets::Target;
 use crate::thesis::verdict::{Check, Verdict, judge};
 
+/// Caption of the table of what a settling table does not show.
+const CONFIGURATIONS: &str = "rms of the position error while moving, at the end of the profile, in the 500 ms after settling to the \
+     finest tolerance and in position (last 500 ms of the dwell of the moves that settled); of all moves in those last 500 ms the error \
+     that stays and the unrest about it; force left over when the profile ends, and its share of F_C";
+
 /// The section: what `reproduce compensators` found.
 pub fn section(outcome: &Outcome, run: &Run) -> Section {
-    let caption = run.conditions().caption(run.settling.moves);
     let (gms_ours, gms_verdict) = gms_slope(run);
     let mut section = Section::new("4 Compensators, and the question of chapter 11");
     for (target, place) in [(Target::Feedforward, "4.2.1"), (Target::Observer, "4.2.2"), (Target::ScheduledPd, "4.2.3")]
@@ -17,20 +21,20 @@ pub fn section(outcome: &Outcome, run: &Run) -> Section {
         let (ours, checks) = claims(outcome, place);
         section = section.finding(target, ours, &checks);
     }
-    section = section.judged(Target::GmsSlope, gms_ours, gms_verdict);
+    section = section.judged(Target::GmsSlope, gms_ours, gms_verdict).conditions(conditions(&[run]));
     if let Some(search) = &outcome.search {
         section = section
             .text(format!("Each compensator is tuned as well as this procedure can: {}.", search.procedure))
-            .table(&[], search.table());
+            .table(&[], search.table().under("what was chosen, and out of what"));
     }
     section
         .figure(
             &[],
             [means_plot(run)],
-            format!("mean settling time per tolerance with every compensator; only moves that settled are in a mean; {caption}"),
+            "mean settling time per tolerance with every compensator, where at least half of the moves settled",
         )
-        .table(&[], run.table())
-        .table(&[], outcome.configurations())
+        .table(&[], table(run))
+        .table(&[], outcome.configurations().under(CONFIGURATIONS))
 }
 
 /// What was found on the claims of a section of the thesis that can hold or fail.
@@ -82,8 +86,11 @@ fn means_plot(run: &Run) -> Plot {
     );
     let mut plot = run.configs.iter().enumerate().fold(plot, |plot, (i, config)| {
         let points: Vec<(f64, f64)> = (0..run.settling.tolerances_nm.len())
-            .filter_map(|t| Some((t as f64, sample(&config.settling, t).mean.filter(|ms| *ms > 0.0)?)))
+            .filter_map(|t| Some((t as f64, config.typical_ms(t).filter(|ms| *ms > 0.0)?)))
             .collect();
+        if points.is_empty() {
+            return plot;
+        }
         // The colours repeat after eight: dots tell the second round from the first.
         let series = Series::new(&config.settling.name, i).line(points.iter().copied());
         let dotted = i >= crate::plot::COLOURS;

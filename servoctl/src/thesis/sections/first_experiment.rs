@@ -1,7 +1,7 @@
 //! The first experiment (9.1): 250 steps of 5 mm at 1 m/s², PID 100 Hz / 45° without feedforward.
 
 use super::settling::{
-    NIASA, faster_everywhere, range_in_words, reduction_plot, settling_plot, unsettled, within_range,
+    NIASA, conditions, faster_everywhere, range_in_words, reduction_plot, settling_plot, table, unsettled, within_range,
 };
 use super::traces::{Traces, error_plot};
 use crate::reproduce::outcome::Run;
@@ -17,7 +17,6 @@ const NIASA_7_55: usize = 2;
 
 /// The section; `traces` are of PID and of NIASA.
 pub fn section(run: &Run, traces: &[Traces]) -> Section {
-    let caption = run.conditions().caption(run.settling.moves);
     let mut checks: Vec<Check> = vec![faster_everywhere(run)];
     checks.extend(within_range(run, THESIS_PERCENT));
     let ours = format!(
@@ -28,15 +27,14 @@ pub fn section(run: &Run, traces: &[Traces]) -> Section {
     );
     let mut section = Section::new("9.1 First experiment: 5 mm at 1 m/s²")
         .finding(Target::FirstExperiment, ours, &checks)
+        .conditions(conditions(&[run]))
         .figure(
             &[3, 63, 64],
             [settling_plot(run), reduction_plot(run, Some(THESIS_PERCENT))],
-            format!(
-                "settling time after the end of the profile (left), mean ± standard deviation, and its reduction by NIASA \
-                 (right), mean ± standard error; {caption}"
-            ),
+            "settling time after the end of the profile (left), mean ± standard deviation, and its reduction by NIASA (right), mean \
+             ± standard error",
         )
-        .table(&[], run.table());
+        .table(&[], table(run));
     if let Some(note) = unsettled(&[run]) {
         section = section.text(note);
     }
@@ -45,15 +43,12 @@ pub fn section(run: &Run, traces: &[Traces]) -> Section {
             .figure(
                 &[65],
                 [error_plot(pid, 400.0, 1000.0), error_plot(pid, 400.0, 100.0)],
-                format!(
-                    "position error after the profile with PID alone, {} moves, coarse and fine; {caption}",
-                    pid.moves.len()
-                ),
+                format!("position error after the profile with PID alone, {} moves, coarse and fine", pid.moves.len()),
             )
             .figure(
                 &[66, 67],
                 [error_plot(niasa, 400.0, 1000.0), error_plot(niasa, 400.0, 100.0)],
-                format!("the same moves with NIASA as in appendix E, coarse and fine; {caption}"),
+                "the same moves with NIASA as in appendix E, coarse and fine",
             );
     }
     section.text(

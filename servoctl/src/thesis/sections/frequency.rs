@@ -3,6 +3,7 @@
 use crate::plot::{Axis, Band, Plot, Series};
 use crate::reproduce::loop_transmission::{Curve, LoopTransmission, RATES_PER_S, SECTION_8_2_PERCENT, Stability};
 use crate::reproduce::outcome::ORIGIN;
+use crate::reproduce::words::plant;
 use crate::table::{MISSING, number};
 use crate::thesis::section::Section;
 use crate::thesis::targets::Target;
@@ -23,6 +24,14 @@ const ABOUT: f64 = 0.2;
 /// See [`ABOUT`].
 const UNCHANGED: f64 = 0.02;
 
+/// Captions of the tables, whose conditions stand at the head of the section.
+const BY_AMPLITUDE: &str = "behaviour by amplitude; like a mass where the gain at low frequency is well above what the contact's spring \
+     2σ alone would leave";
+/// See [`BY_AMPLITUDE`].
+const CROSSOVERS: &str = "crossover frequencies in Hz (phase margin in °) by amplitude, NIASA with its rate limit";
+/// See [`BY_AMPLITUDE`].
+const LEFT_OVER: &str = "speed left a second after an excitation of 10 % of full scale, with NIASA";
+
 /// Section 5.1.
 pub fn by_amplitude(measured: &LoopTransmission) -> Section {
     let curves = &measured.figure_15;
@@ -33,26 +42,23 @@ pub fn by_amplitude(measured: &LoopTransmission) -> Section {
     };
     let resonances: Vec<String> =
         small(curves).map(|c| c.resonance_hz.map_or(MISSING.to_owned(), |hz| number(hz, 0))).collect();
-    let conditions = conditions(measured, "PID 100 Hz / 45°");
     Section::new("5.1 Loop transmission by amplitude")
         .finding(Target::LoopByAmplitude, format!("{}; {}", like("mass"), like("spring")), &behaviour_checks(curves))
         .judged(Target::Resonance, format!("{} Hz", resonances.join(", ")), resonance_verdict(measured))
+        .conditions(conditions(measured, "PID 100 Hz / 45°"))
         .figure(
             &[15, 62],
             bode(curves.iter().map(|c| (format!("{} %", c.amplitude_percent), c))),
-            format!(
-                "loop transmission by stepped sine at eight amplitudes, % of the amplifier's full current; the 10 % curve is that of \
-                 the first tuning; {conditions}"
-            ),
+            "loop transmission by stepped sine at eight amplitudes, % of the amplifier's full current; the 10 % curve is that of the \
+             first tuning",
         )
-        .table(&[], measured.figure_15_table())
+        .table(&[], measured.figure_15_table().under(BY_AMPLITUDE))
 }
 
 /// Section 8.2.
 pub fn with_niasa(measured: &LoopTransmission) -> Section {
     let large: Vec<&Curve> = at(measured, SECTION_8_2_PERCENT[0]);
     let (small_percent, small_words, small_verdict) = small_crossovers(measured);
-    let conditions = conditions(measured, "PID 315 Hz / 50°, NIASA as in appendix E");
     let both = |pick: fn(&Curve) -> bool| {
         let of = |percent: f64, word: &'static str| {
             at(measured, percent).into_iter().filter(move |c| pick(c)).map(move |c| (format!("{}, {word}", name(c)), c))
@@ -64,6 +70,7 @@ pub fn with_niasa(measured: &LoopTransmission) -> Section {
         .finding(Target::LargeCrossover, first_crossovers(&large), &large_checks(&large))
         .judged(Target::SmallCrossover, small_words, small_verdict)
         .finding(Target::WithoutRateLimit, stability_in_words(&measured.stability), &stability_checks(&measured.stability))
+        .conditions(conditions(measured, "PID 315 Hz / 50°, NIASA as in appendix E"))
         .text(format!(
             "The thesis does not say how small its small amplitude was. Far inside pre-rolling the stage is a spring, of twice σ for the \
              Maxwell-slip plant, and PID alone has no crossover below its resonance. NIASA's integral σ̂/τ_d on that spring crosses over \
@@ -73,30 +80,29 @@ pub fn with_niasa(measured: &LoopTransmission) -> Section {
         .figure(
             &[57, 68],
             both(|c| c.stiffness_n_per_m.is_none()),
-            format!("loop transmission with PID alone, {amplitudes}; {conditions}"),
+            format!("loop transmission with PID alone, {amplitudes}"),
         )
         .figure(
             &[58, 59, 60, 61],
             both(|c| c.rate_per_s.is_none_or(|rate| rate < 200.0)),
-            format!("with NIASA, 1/τ_d = {} 1/s, {amplitudes}; {conditions}", number(RATES_PER_S[0], 0)),
+            format!("with NIASA, 1/τ_d = {} 1/s, {amplitudes}", number(RATES_PER_S[0], 0)),
         )
         .figure(
             &[],
             both(|c| c.rate_per_s.is_none_or(|rate| rate > 200.0)),
-            format!("with NIASA, 1/τ_d = 2π·100 = {} 1/s, {amplitudes}; {conditions}", number(RATES_PER_S[1], 0)),
+            format!("with NIASA, 1/τ_d = 2π·100 = {} 1/s, {amplitudes}", number(RATES_PER_S[1], 0)),
         )
-        .table(&[], measured.section_8_2_table())
-        .table(&[], measured.stability_table())
+        .table(&[], measured.section_8_2_table().under(CROSSOVERS))
+        .table(&[], measured.stability_table().under(LEFT_OVER))
 }
 
-fn conditions(measured: &LoopTransmission, tuning: &str) -> String {
-    let friction = &measured.plant.friction;
-    format!(
-        "{ORIGIN} · tuning {tuning} · plant {} kg, friction σ {} N/µm, F_C {} N, not redrawn",
-        measured.plant.mechanics.mass_kg,
-        number(friction.stiffness_n_per_m * 1e-6, 2),
-        number(friction.coulomb_n, 2)
-    )
+/// What was measured on, by name.
+pub(super) fn conditions(measured: &LoopTransmission, tuning: &str) -> [(&'static str, String); 3] {
+    [
+        ("Origin", ORIGIN.to_owned()),
+        ("Tuning", tuning.to_owned()),
+        ("Plant", format!("{}, not redrawn", plant(&measured.plant))),
+    ]
 }
 
 /// Magnitude and phase; the first curves are drawn first.

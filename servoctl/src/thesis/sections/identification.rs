@@ -3,6 +3,7 @@
 use crate::plot::{Axis, Band, Plot, Series};
 use crate::reproduce::identification::{Fitted, Group, Trace};
 use crate::reproduce::identification_study::{Column, IdentificationStudy, Moments, Parameter};
+use crate::reproduce::words::plant;
 use crate::table::number;
 use crate::thesis::section::Section;
 use crate::thesis::targets::Target;
@@ -15,16 +16,12 @@ const WORST_N2: f64 = 0.1067;
 
 /// The section.
 pub fn section(study: &IdentificationStudy) -> Section {
-    let caption = format!(
-        "{}, {} places × {} runs, friction redrawn per run, seed {}; PID 100 Hz / 45°; plant {} kg, σ {} N/µm, F_C {} N",
-        study.origin,
-        study.places,
-        study.runs,
-        study.seed,
-        study.plant.mechanics.mass_kg,
-        number(study.plant.friction.stiffness_n_per_m * 1e-6, 2),
-        number(study.plant.friction.coulomb_n, 2)
-    );
+    let conditions = [
+        ("Origin", study.origin.to_owned()),
+        ("Tuning", "PID 100 Hz / 45°".to_owned()),
+        ("Plant", format!("{}, redrawn per run", plant(&study.plant))),
+        ("Runs", format!("{} at each of {} places and each frequency, seed {}", study.runs, study.places, study.seed)),
+    ];
     let worst = study.table_1.iter().map(|column| column.worst_mse_n2).fold(0.0, f64::max);
     let worst_check = Check::new(
         worst < WORST_N2,
@@ -43,8 +40,9 @@ pub fn section(study: &IdentificationStudy) -> Section {
             &bias_checks(&study.table_1, coulomb),
         )
         .finding(Target::ProfileAgainstSettling, methods_in_words(&study.table_2), &method_checks(&study.table_2))
-        .table(&[1], by_frequency_table)
-        .table(&[2], by_method_table);
+        .conditions(conditions)
+        .table(&[1], by_frequency_table.under("σ and F_C by frequency of the identification profile"))
+        .table(&[2], by_method_table.under("identification profile, and settling of 5 mm steps"));
     for note in &study.notes {
         section = section.text(note.clone());
     }
@@ -53,7 +51,7 @@ pub fn section(study: &IdentificationStudy) -> Section {
         section = section.figure(
             &[19, 20],
             [position_plot(first), loop_plot(first, false)],
-            format!("an identification profile ({}): position, and friction over it; {caption}", first.name),
+            format!("an identification profile ({}): position, and friction over it", first.name),
         );
     }
     let worst_trace =
@@ -71,26 +69,26 @@ pub fn section(study: &IdentificationStudy) -> Section {
     section = section.figure(
         &[21, 22],
         panels,
-        format!("mean square errors of the fits with their mean and standard deviation, and the worst fit; {caption}"),
+        "mean square errors of the fits with their mean and standard deviation, and the worst fit",
     );
     for (group, numbers) in profiles.iter().zip([[23, 24], [25, 26], [27, 28]]) {
         section = section.figure(
             &numbers,
             [by_place(group, "σ / N/µm", |f| f.sigma_n_per_m * 1e-6), by_place(group, "F_C / N", |f| f.coulomb_n)],
-            format!("σ and F_C found at each place with {} Hz; {caption}", group.frequency_hz.unwrap_or(0.0)),
+            format!("σ and F_C found at each place with {} Hz", group.frequency_hz.unwrap_or(0.0)),
         );
     }
     section = section.figure(
         &[29, 30],
         [by_frequency("σ / N/µm", |f| f.sigma_n_per_m * 1e-6), by_frequency("F_C / N", |f| f.coulomb_n)],
-        format!("σ and F_C by frequency, mean ± standard deviation; {caption}"),
+        "σ and F_C by frequency, mean ± standard deviation",
     );
     if let Some(group) = settling.first() {
         if let Some(first) = group.traces.first() {
             section = section.figure(
                 &[31],
                 [loop_plot(first, true)],
-                format!("force over position after a 5 mm step ({}), with and without inertia; {caption}", first.name),
+                format!("force over position after a 5 mm step ({}), with and without inertia", first.name),
             );
         }
         section = section.figure(
@@ -100,7 +98,7 @@ pub fn section(study: &IdentificationStudy) -> Section {
                 histogram(group, "F_C / N", |f| f.coulomb_n),
                 histogram(group, "mean square error / mN²", |f| f.mse_n2 * 1e6),
             ],
-            format!("σ, F_C and mean square errors found from {} settling steps; {caption}", group.fits.len()),
+            format!("σ, F_C and mean square errors found from {} settling steps", group.fits.len()),
         );
     }
     section

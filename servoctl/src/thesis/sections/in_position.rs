@@ -1,6 +1,6 @@
 //! In-position noise (9.3, table 3).
 
-use super::settling::{NIASA, PID, display_name};
+use super::settling::{NIASA, PID, conditions, display_name};
 use crate::reproduce::outcome::Run;
 use crate::table::{MISSING, Table, number};
 use crate::thesis::section::Section;
@@ -16,12 +16,8 @@ const WITHIN_NM: f64 = 0.2;
 /// The section: a run per tuning, as in table 3.
 pub fn section(runs: &[&Run]) -> Section {
     let moves = runs.first().map_or(0, |run| run.settling.moves);
-    let conditions =
-        runs.iter().map(|run| run.conditions().caption(run.settling.moves)).collect::<Vec<_>>().join(" — ");
-    let caption = format!(
-        "error in position, nm rms: in the last 500 ms of the dwell, and in the 500 ms from settling to the finest tolerance, where \
-         the rest of the creep is in it. {conditions}"
-    );
+    let caption = "error in position, nm rms: in the last 500 ms of the dwell, and in the 500 ms from settling to the finest tolerance, where \
+         the rest of the creep is in it";
     let shown = |value: Option<f64>| value.map_or(MISSING.to_owned(), |nm| number(nm, 2));
     let mut checks = Vec::new();
     let mut table =
@@ -48,5 +44,8 @@ pub fn section(runs: &[&Run]) -> Section {
         [PID, NIASA].map(|c| shown(run.configs.get(c).and_then(|c| c.settling.in_position_rms_nm))).join(", ")
     };
     let ours = runs.iter().map(of).collect::<Vec<_>>().join("; ");
-    Section::new("9.3 Noise in position").finding(Target::InPosition, ours, &checks).table(&[3], table)
+    Section::new("9.3 Noise in position")
+        .finding(Target::InPosition, ours, &checks)
+        .conditions(conditions(runs))
+        .table(&[3], table)
 }

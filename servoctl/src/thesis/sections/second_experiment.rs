@@ -1,8 +1,8 @@
 //! The second experiment (9.2): 500 steps of 5 mm at 10 m/s², PID 315 Hz / 50° with acceleration feedforward.
 
 use super::settling::{
-    NIASA, PID, faster_everywhere, range_in_words, reduction, settling_plot, slower_at, title, tolerance_axis,
-    tolerances, unsettled, within_range,
+    NIASA, PID, conditions, faster_everywhere, range_in_words, reduction, settling_plot, slower_at, table, title,
+    tolerance_axis, tolerances, unsettled, within_range,
 };
 use super::traces::{Traces, error_plot};
 use crate::plot::{Axis, Band, Plot, Series};
@@ -23,25 +23,20 @@ pub fn section(runs: &[&Run], traces: &[Traces]) -> Section {
     let checks = checks(runs);
     let ours =
         runs.iter().map(|run| format!("{}: {}", title(run), range_in_words(run, NIASA))).collect::<Vec<_>>().join("; ");
-    let caption = runs.first().map_or(String::new(), |run| {
-        let mut conditions = run.conditions();
-        let crossover = format!("{} Hz / {}°", run.tuning.crossover_hz, run.tuning.phase_margin_deg);
-        conditions.tuning = format!("{crossover}, acceleration feedforward with the mass error shown");
-        conditions.caption(run.settling.moves)
-    });
     let mut section = Section::new("9.2 Second experiment: 5 mm at 10 m/s²")
         .judged(Target::SecondExperiment, ours, judge(&checks).because(why_slower(runs)))
+        .conditions(conditions(runs).into_iter().map(|(name, value)| (name, if name == "Tuning" { tuning(runs) } else { value })))
         .text(
             "How large the error of the feedforward mass was, the thesis does not say. It decides: while the stage brakes, the loop \
              holds (m − m_ff)·a; when the profile ends, that force is left over, and it has to be unlearned against friction. \
              One per cent of 1.8 kg at 10 m/s² is 0.18 N, more than a quarter of F_C.",
         )
-        .table(&[], left_over_table(runs, &caption))
-        .figure(&[70], [reductions_plot(runs)], format!("reduction of the mean settling time by NIASA (App. E): {caption}"))
+        .table(&[], left_over_table(runs))
+        .figure(&[70], [reductions_plot(runs)], "reduction of the mean settling time by NIASA (App. E)")
         .figure(
             &[69],
             runs.iter().map(|run| settling_plot(run)).collect::<Vec<_>>(),
-            format!("settling time after the end of the profile, mean ± standard deviation; {caption}"),
+            "settling time after the end of the profile, mean ± standard deviation",
         );
     for pair in traces.chunks_exact(2) {
         let (name, moves) = (pair[0].name.replace('-', "−"), pair[0].moves.len());
@@ -49,19 +44,27 @@ pub fn section(runs: &[&Run], traces: &[Traces]) -> Section {
             .figure(
                 &[71, 73],
                 [error_plot(&pair[0], 250.0, 1000.0), error_plot(&pair[1], 250.0, 1000.0)],
-                format!("position error after the profile, {name}: PID (left) and with NIASA (right), {moves} moves; {caption}"),
+                format!("position error after the profile, {name}: PID (left) and with NIASA (right), {moves} moves"),
             )
             .figure(
                 &[72, 74],
                 [error_plot(&pair[0], 250.0, 100.0), error_plot(&pair[1], 250.0, 100.0)],
-                format!("the last 100 nm of the same moves, {name}: PID (left) and with NIASA (right); {caption}"),
+                format!("the last 100 nm of the same moves, {name}: PID (left) and with NIASA (right)"),
             );
     }
-    section = runs.iter().fold(section, |section, run| section.table(&[], run.table()));
+    section = runs.iter().fold(section, |section, run| section.table(&[], table(run)));
     match unsettled(runs) {
         Some(note) => section.text(note),
         None => section,
     }
+}
+
+/// The tuning that the runs have in common.
+fn tuning(runs: &[&Run]) -> String {
+    let crossover = runs
+        .first()
+        .map_or(String::new(), |r| format!("{} Hz / {}°", r.tuning.crossover_hz, r.tuning.phase_margin_deg));
+    format!("{crossover}, acceleration feedforward with the mass error shown")
 }
 
 /// Faster at every tolerance, for each mass error; and within the thesis' range for at least one of them.
@@ -106,7 +109,7 @@ fn why_slower(runs: &[&Run]) -> String {
     )
 }
 
-fn left_over_table(runs: &[&Run], caption: &str) -> Table {
+fn left_over_table(runs: &[&Run]) -> Table {
     let header = [
         "mass error",
         "left over / N",
@@ -117,7 +120,7 @@ fn left_over_table(runs: &[&Run], caption: &str) -> Table {
         "reduction / %",
         "NIASA not faster at",
     ];
-    let title = format!("Force left over when the profile ends, and what it does: {caption}");
+    let title = "Force left over when the profile ends, and what it does";
     runs.iter().fold(Table::new(title, &header), |table, run| {
         let t = run.settling.tolerances_nm.iter().position(|nm| *nm == SHOWN_NM);
         let mean = |config: usize| t.and_then(|t| run.configs.get(config)?.settling.mean_ms[t]);

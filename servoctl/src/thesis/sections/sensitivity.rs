@@ -1,6 +1,6 @@
 //! How settling depends on each of NIASA's parameters (8.1, ch. 11), and on a stage that is not what the model says (7.4).
 
-use super::settling::{range_in_words, reduction, slower_at, tolerances};
+use super::settling::{conditions, range_in_words, reduction, slower_at, table, tolerances};
 use crate::plot::{Axis, Band, Plot, Series};
 use crate::reproduce::outcome::Run;
 use crate::table::{MISSING, Table};
@@ -20,7 +20,6 @@ pub fn section(runs: &[&Run]) -> Section {
     let corners: Vec<&Run> = runs.iter().filter(corner).copied().collect();
     let half_wrong: Vec<&Run> =
         parameters.iter().filter(|run| run.name == "σ̂, App. E" || run.name == "F̂_C, App. E").copied().collect();
-    let caption = runs.first().map_or(String::new(), |run| run.conditions().caption(run.settling.moves));
     let ours: Vec<String> = half_wrong
         .iter()
         .flat_map(|run| HALF_AND_TWICE.iter().filter_map(|i| Some((*run, *i, run.configs.get(*i)?))))
@@ -28,13 +27,14 @@ pub fn section(runs: &[&Run]) -> Section {
         .collect();
     let section = Section::new("8.1, 11 Sensitivity")
         .judged(Target::HalfWrong, format!("reduction with {}", ours.join("; ")), judge(&checks(&half_wrong)))
+        .conditions(conditions(&parameters))
         .figure(
             &[],
             parameters.iter().map(|run| parameter_plot(run)).collect::<Vec<_>>(),
-            format!("reduction of the mean settling time to ±{SHOWN_NM} nm, each parameter by itself; {caption}"),
+            format!("reduction of the mean settling time to ±{SHOWN_NM} nm, each parameter by itself"),
         )
-        .table(&[], corner_table(&corners, &caption));
-    parameters.iter().fold(section, |section, run| section.table(&[], run.table()))
+        .table(&[], corner_table(&corners));
+    parameters.iter().fold(section, |section, run| section.table(&[], table(run)))
 }
 
 /// Half and twice the nominal value, which is more than ±50 %: faster than PID at every tolerance?
@@ -70,10 +70,9 @@ fn parameter_plot(run: &Run) -> Plot {
     plot
 }
 
-fn corner_table(corners: &[&Run], caption: &str) -> Table {
+fn corner_table(corners: &[&Run]) -> Table {
     let header = ["stage", "reduction (App. E)", "not faster at", "reduction (7.55)", "not faster at"];
-    let title =
-        format!("Stages at the corners of what was measured, the drive unchanged, friction not redrawn: {caption}");
+    let title = "Stages at the corners of what was measured, the drive unchanged, friction not redrawn";
     let table = Table::new(title, &header);
     corners.iter().fold(table, |table, run| {
         let slower = |config: usize| match slower_at(run, config).as_slice() {

@@ -3,7 +3,7 @@
 use crate::plot::{Axis, Band, Plot, Series};
 use crate::reproduce::outcome::Run;
 use crate::settling::Config;
-use crate::table::number;
+use crate::table::{Table, number};
 use crate::thesis::verdict::{Check, Sample, reduction_standard_error_percent};
 
 /// Name of a run with a typographic minus.
@@ -15,6 +15,33 @@ pub fn title(run: &Run) -> String {
 pub const PID: usize = 0;
 /// See [`PID`].
 pub const NIASA: usize = 1;
+
+/// What the runs of a section were made on, by name; where they differ, all of it.
+pub fn conditions(runs: &[&Run]) -> Vec<(&'static str, String)> {
+    let distinct = |of: &dyn Fn(&Run) -> String| {
+        let mut all: Vec<String> = runs.iter().map(|run| of(run)).collect();
+        all.dedup();
+        all.join("; ")
+    };
+    vec![
+        ("Origin", distinct(&|run| run.conditions().origin)),
+        ("Step", distinct(&|run| run.conditions().step)),
+        ("Tuning", distinct(&|run| run.conditions().tuning)),
+        ("Plant", distinct(&|run| run.conditions().plant)),
+        ("Moves", distinct(&|run| format!("{} per configuration", run.settling.moves))),
+    ]
+}
+
+/// The settling table of a run whose conditions stand at the head of the section.
+pub fn table(run: &Run) -> Table {
+    let name = if run.name.is_empty() { String::new() } else { format!("{}: ", title(run)) };
+    let what = if run.configs.len() <= 3 {
+        "mean ± standard deviation"
+    } else {
+        "mean (reduction against PID), where at least half of the moves settled"
+    };
+    run.table().under(format!("{name}settling time after the end of the profile in ms, {what}"))
+}
 
 /// Standard errors by which a mean of ours may miss a range of the thesis.
 const GRANTED: f64 = 2.0;

@@ -1,6 +1,8 @@
 //! Small steps (9.4): 5 µm, just beyond pre-rolling, and 50 nm, inside it; both tunings.
 
-use super::settling::{NIASA, faster_everywhere, range_in_words, reduction_plot, settling_plot, title, unsettled};
+use super::settling::{
+    NIASA, conditions, faster_everywhere, range_in_words, reduction_plot, settling_plot, table, title, unsettled,
+};
 use super::traces::{Traces, position_plot};
 use crate::reproduce::outcome::Run;
 use crate::table::{MISSING, number};
@@ -24,13 +26,12 @@ pub fn fifty_nanometres(runs: &[&Run], traces: &[Traces]) -> Section {
         section = at_once(section, second);
     }
     section = with_figures(section, runs, &[77, 78]);
-    for (pair, (run, numbers)) in traces.chunks_exact(2).zip(runs.iter().zip([[79, 81], [80, 82]])) {
-        let caption = run.conditions().caption(run.settling.moves);
+    for (pair, numbers) in traces.chunks_exact(2).zip([[79, 81], [80, 82]]) {
         section = section.figure(
             &numbers,
             [position_plot(&pair[0]), position_plot(&pair[1])],
             format!(
-                "{} moves with {}: PID (left) and NIASA as in appendix E (right); every move drawn upwards; {caption}",
+                "{} moves with {}: PID (left) and NIASA as in appendix E (right); every move drawn upwards",
                 pair[0].moves.len(),
                 pair[0].name
             ),
@@ -44,7 +45,7 @@ fn compared(section: Section, target: Target, runs: &[&Run]) -> Section {
     let moves = runs.first().map_or(0, |run| run.settling.moves);
     let of = |run: &&Run| format!("{}: {}", title(run), range_in_words(run, NIASA));
     let ours = runs.iter().map(of).collect::<Vec<_>>().join("; ");
-    section.finding(target, format!("reduction {ours}; {moves} moves"), &checks)
+    section.finding(target, format!("reduction {ours}; {moves} moves"), &checks).conditions(conditions(runs))
 }
 
 /// Settling times of NIASA from ±6 nm up, against 0 ms.
@@ -81,17 +82,16 @@ fn at_once(section: Section, run: &Run) -> Section {
 
 fn with_figures(mut section: Section, runs: &[&Run], numbers: &[u8]) -> Section {
     for (run, number) in runs.iter().zip(numbers) {
-        let caption = run.conditions().caption(run.settling.moves);
         section = section
             .figure(
                 &[*number],
                 [settling_plot(run), reduction_plot(run, None)],
                 format!(
-                    "settling time after the end of the profile (left), mean ± standard deviation, and its reduction (right); \
-                     {caption}"
+                    "{}: settling time after the end of the profile (left), mean ± standard deviation, and its reduction (right)",
+                    title(run)
                 ),
             )
-            .table(&[], run.table());
+            .table(&[], table(run));
     }
     match unsettled(runs) {
         Some(note) => section.text(note),

@@ -1,0 +1,31 @@
+//! Fingerprint of a program: the same from the flash of a drive and from the ELF that was put there.
+
+/// FNV-1a with 64 bits over bytes: tells builds apart, proves nothing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Fingerprint(pub u64);
+
+impl Default for Fingerprint {
+    fn default() -> Self {
+        Fingerprint(0xcbf2_9ce4_8422_2325)
+    }
+}
+
+impl Fingerprint {
+    /// Takes in bytes.
+    #[must_use]
+    pub fn with(self, bytes: &[u8]) -> Self {
+        Fingerprint(bytes.iter().fold(self.0, |hash, byte| (hash ^ u64::from(*byte)).wrapping_mul(0x100_0000_01b3)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn it_is_fnv_1a_however_the_bytes_are_cut() {
+        // Published value.
+        assert_eq!(Fingerprint::default().with(b"foobar").0, 0x8594_4171_f739_67e8);
+        assert_eq!(Fingerprint::default().with(b"foo").with(b"bar"), Fingerprint::default().with(b"foobar"));
+    }
+}

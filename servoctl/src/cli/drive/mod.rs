@@ -1,0 +1,103 @@
+//! Commands that talk to a drive: which drive, and what they share.
+
+pub mod capture;
+pub mod faults;
+pub mod identity;
+pub mod log;
+pub mod motion;
+pub mod params;
+pub mod record_file;
+pub mod scope;
+pub mod sequence;
+pub mod settled;
+pub mod stream;
+pub mod virtual_drive;
+pub mod watch;
+
+use anyhow::{Context, Result, bail};
+use serialport::SerialPortType;
+
+use crate::link::{Client, Drive, Error, Patience, open, random_id, virtual_drive as background};
+
+/// Which drive.
+#[derive(Debug, Clone, Default, clap::Args)]
+pub struct Link {
+    /// Serial device of the drive, or tcp://HOST:PORT [default: the only one there is]
+    #[arg(long, global = true, value_name = "DEVICE", conflicts_with = "virtual_drive", help_heading = "Drive")]
+    pub port: Option<String>,
+    /// The virtual drive of this computer, started in the background if it does not run
+    #[arg(long = "virtual", global = true, help_heading = "Drive")]
+    pub virtual_drive: bool,
+}
+
+/// A connected drive, and what kind of one.
+pub struct Connected {
+    /// The drive.
+    pub drive: Drive,
+    /// Nobody can be hurt.
+    pub is_virtual: bool,
+}
+
+impl Link {
+    /// Connects and makes sure that the drive speaks our protocol.
+    ///
+    /// # Errors
+    /// No drive, several, or one that does not answer: with what to do.
+    pub fn connect(&self) -> Result<Connected> {
+        match &self.port {
+            Some(address) => {
+                Ok(Connected { drive: connect(address)?, is_virtual: background::find().as_ref() == Some(address) })
+            }
+            None if self.virtual_drive => virtual_drive(),
+            None => discover(),
+        }
+    }
+}
+
+fn connect(address: &str) -> Result<Drive, Error> {
+    let patience = if address.starts_with("tcp://") { Patience::VIRTUAL } else { Patience::SERIAL };
+    Drive::connect(Client::new(open(address)?, patience, random_id()))
+}
+
+/// The one that runs, or a new one. A state file without a listener is what a killed one left behind.
+fn virtual_drive() -> Result<Connected> {
+    if let Some(address) = background::find() {
+        match connect(&address) {
+            Err(Error::Open { .. }) => background::stop().map(|_| ())?,
+            other => return Ok(Connected { drive: other?, is_virtual: true }),
+        }
+    }
+    let address = background::start(&[])?;
+    Ok(Connected { drive: connect(&address)?, is_virtual: true })
+}
+
+fn discover() -> Result<Connected> {
+    let mut found = serial_ports()?;
+    let running = background::find();
+    found.extend(running.iter().map(|address| (address.clone(), "virtual drive".to_owned())));
+    match &found[..] {
+        [(address, what)] => {
+            eprintln!("using {address} ({what})");
+            let is_virtual = running.as_ref() == Some(address);
+            Ok(Connected { drive: connect(address)?, is_virtual })
+        }
+        [] => bail!("no drive found\n  plug one in, name it with --port DEVICE, or try --virtual"),
+        several => {
+            let list: String = several.iter().map(|(address, what)| format!("\n  --port {address}   {what}")).collect();
+            bail!("several drives may be meant: say which one{list}")
+        }
+    }
+}
+
+/// USB serial ports: address and description.
+///
+/// # Errors
+/// The system does not tell.
+pub fn serial_ports() -> Result<Vec<(String, String)>> {
+    let ports = serialport::available_ports().context("asking the system for serial ports")?;
+    let usb = ports.into_iter().filter_map(|port| match port.port_type {
+        SerialPortType::UsbPort(usb) => Some((port.port_name, usb.product.unwrap_or_else(|| "USB".to_owned()))),
+        _ => None,
+    });
+    Ok(usb.collect())
+}

@@ -1,0 +1,53 @@
+//! `servoctl virtual`: the virtual drive, started and ended by hand.
+
+use anyhow::{Result, ensure};
+
+use crate::link::virtual_drive;
+
+/// Options of `virtual`.
+#[derive(Debug, clap::Args)]
+pub struct Options {
+    /// Where to listen; port 0 takes a free one
+    #[arg(long, default_value = "127.0.0.1:0")]
+    listen: String,
+    /// Stage file (TOML) [default: the stage of the thesis]
+    #[arg(long, value_name = "FILE")]
+    stage: Option<String>,
+    /// Seed of friction and noise
+    #[arg(long)]
+    seed: Option<u64>,
+    /// A new drive, whose parameters nobody has saved
+    #[arg(long)]
+    blank: bool,
+    /// Let time pass while nobody is connected
+    #[arg(long)]
+    runs_on: bool,
+    /// End the one that runs
+    #[arg(long)]
+    stop: bool,
+}
+
+/// Starts a virtual drive in the background and prints its address, or ends it.
+///
+/// # Errors
+/// One runs already; a build that fails.
+pub fn run(options: &Options) -> Result<()> {
+    if options.stop {
+        println!("{}", if virtual_drive::stop()? { "ended" } else { "there was none" });
+        return Ok(());
+    }
+    if let Some(address) = virtual_drive::find() {
+        let answers = crate::link::open(&address).is_ok();
+        ensure!(!answers, "a virtual drive runs at {address}: `servoctl virtual --stop` ends it");
+        virtual_drive::stop()?;
+    }
+    let mut arguments = vec!["--listen".to_owned(), options.listen.clone()];
+    if let Some(stage) = &options.stage {
+        arguments.extend(["--stage".to_owned(), std::path::absolute(stage)?.display().to_string()]);
+    }
+    arguments.extend(options.seed.iter().flat_map(|seed| ["--seed".to_owned(), seed.to_string()]));
+    arguments.extend(options.blank.then(|| "--blank".to_owned()));
+    arguments.extend(options.runs_on.then(|| "--runs-on".to_owned()));
+    println!("{}", virtual_drive::start(&arguments)?);
+    Ok(())
+}

@@ -1,0 +1,145 @@
+//! Requests and their replies over a line that loses bytes.
+
+use std::collections::VecDeque;
+use std::time::{Duration, Instant};
+
+use servo_protocol::endpoint::{self, Kind};
+use servo_protocol::frame::{self, Collector, MAX_FRAME};
+use servo_protocol::message::{Reply, Request};
+use servo_protocol::stream::Block;
+
+use super::{Error, Port};
+
+/// How long to wait for a reply, and how often to ask.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Patience {
+    /// For one reply.
+    pub reply: Duration,
+    /// How often a request is sent before it is given up, at least once.
+    pub attempts: u32,
+}
+
+impl Patience {
+    /// A drive at a serial port answers within milliseconds; a pulled cable is reported within a second.
+    pub const SERIAL: Patience = Patience { reply: Duration::from_millis(150), attempts: 6 };
+    /// A virtual drive is slower than the clock on the wall, and its computer may have other things to do.
+    pub const VIRTUAL: Patience = Patience { reply: Duration::from_secs(5), attempts: 4 };
+}
+
+/// What the line has lost so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Losses {
+    /// Requests sent again.
+    pub repeated: u64,
+    /// Frames from the drive that could not be read.
+    pub unreadable: u64,
+}
+
+/// The host's end of a line.
+pub struct Client {
+    port: Box<dyn Port>,
+    patience: Patience,
+    collector: Collector,
+    next_id: u32,
+    losses: Losses,
+    /// Number of the last stream's request, and its blocks that came while something else was waited for.
+    stream: Option<u32>,
+    blocks: VecDeque<Block>,
+}
+
+impl Client {
+    /// A client that numbers its requests from `first_id`, which nobody may have used at this drive lately: see [`random_id`].
+    pub fn new(port: Box<dyn Port>, patience: Patience, first_id: u32) -> Self {
+        Client {
+            port,
+            patience,
+            collector: Collector::default(),
+            next_id: first_id,
+            losses: Losses::default(),
+            stream: None,
+            blocks: VecDeque::new(),
+        }
+    }
+
+    /// What the line has lost so far.
+    pub fn losses(&self) -> Losses {
+        self.losses
+    }
+
+    /// Sends a request until its reply is in. The drive carries a command out once, however often it is sent.
+    ///
+    /// # Errors
+    /// [`Error::NoReply`]: given up; a command may have been carried out or not. [`Error::Broken`]: the line is gone.
+    pub fn request(&mut self, request: &Request) -> Result<Reply, Error> {
+        // A restarted drive has forgotten what it was asked: it would start again.
+        let attempts = if *request == Request::Restart { 1 } else { self.patience.attempts };
+        let id = self.next_id;
+        self.next_id = id.wrapping_add(1);
+        if matches!(request, Request::Stream(_)) {
+            self.stream = Some(id);
+            self.blocks.clear();
+        }
+        let mut buffer = [0; MAX_FRAME];
+        let length = frame::encode(id, request, &mut buffer).map_err(|_| Error::TooLong)?;
+        for attempt in 0..attempts {
+            self.losses.repeated += u64::from(attempt > 0);
+            // The zero ends whatever noise the drive may hold.
+            self.port.send(&[0]).and_then(|()| self.port.send(&buffer[..length])).map_err(Error::Broken)?;
+            if let Some(reply) = self.wait_for(id)? {
+                return Ok(reply);
+            }
+        }
+        let endpoint = endpoint::of(request);
+        Err(Error::NoReply { request: endpoint.request, attempts, unknown: endpoint.kind == Kind::Command })
+    }
+
+    /// The next block of the stream, if one comes in the time of a reply.
+    ///
+    /// # Errors
+    /// [`Error::Broken`].
+    pub fn next_block(&mut self) -> Result<Option<Block>, Error> {
+        let until = self.port.now() + self.patience.reply;
+        while self.blocks.is_empty() && self.port.now() < until {
+            self.listen(None, until)?;
+        }
+        Ok(self.blocks.pop_front())
+    }
+
+    /// Blocks of the stream that came while something else was waited for.
+    pub fn blocks(&mut self) -> impl Iterator<Item = Block> {
+        self.blocks.drain(..)
+    }
+
+    fn wait_for(&mut self, id: u32) -> Result<Option<Reply>, Error> {
+        let until = self.port.now() + self.patience.reply;
+        loop {
+            let found = self.listen(Some(id), until)?;
+            if found.is_some() || self.port.now() >= until {
+                return Ok(found);
+            }
+        }
+    }
+
+    /// Takes what the line holds: blocks of the stream are kept, replies to earlier requests are dropped.
+    fn listen(&mut self, id: Option<u32>, until: Instant) -> Result<Option<Reply>, Error> {
+        let mut bytes = [0; 4096];
+        let received = self.port.receive(&mut bytes, until).map_err(Error::Broken)?;
+        let mut found = None;
+        for byte in &bytes[..received] {
+            match self.collector.push::<Reply>(*byte) {
+                Some(Ok((of, Reply::Block(block)))) if Some(of) == self.stream => self.blocks.push_back(block),
+                Some(Ok((_, Reply::Block(_)))) => {}
+                Some(Ok((answered, reply))) if Some(answered) == id => found = Some(reply),
+                Some(Err(_)) => self.losses.unreadable += 1,
+                _ => {}
+            }
+        }
+        Ok(found)
+    }
+}
+
+/// A number to begin with: different in every process.
+pub fn random_id() -> u32 {
+    use std::hash::{BuildHasher, RandomState};
+    RandomState::new().hash_one(std::process::id()) as u32
+}

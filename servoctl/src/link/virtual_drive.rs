@@ -1,0 +1,122 @@
+//! The virtual drive in the background: found if it runs, else built and started.
+//!
+//! It writes its address to a state file and ends when that file is removed, so that no process has to be hunted.
+
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result, bail, ensure};
+use serde::Deserialize;
+
+/// Names the program where there is no workspace to build it in; the firmware is then named by [`ELF`].
+pub const PROGRAM: &str = "SERVO_VIRTUAL_DRIVE";
+/// Names the firmware.
+pub const ELF: &str = "SERVO_ELF";
+/// Another place for the state file: a second virtual drive beside the first.
+pub const STATE: &str = "SERVO_VIRTUAL_STATE";
+
+/// How long the drive may take to start, after it has been built.
+const START: Duration = Duration::from_secs(120);
+
+/// What `cargo xtask virtual` prints.
+#[derive(Debug, Deserialize)]
+struct Built {
+    program: PathBuf,
+    elf: PathBuf,
+}
+
+/// Where the running virtual drive writes its address.
+pub fn state_file() -> PathBuf {
+    if let Some(file) = std::env::var_os(STATE) {
+        return file.into();
+    }
+    let user = std::env::var("USER").unwrap_or_else(|_| "user".to_owned());
+    let directory = std::env::var_os("XDG_RUNTIME_DIR").map_or_else(std::env::temp_dir, PathBuf::from);
+    directory.join(format!("servoctl-virtual-{user}"))
+}
+
+/// Where its log is.
+pub fn log_file() -> PathBuf {
+    state_file().with_extension("log")
+}
+
+/// The address of the virtual drive that runs, if one does.
+pub fn find() -> Option<String> {
+    let address = std::fs::read_to_string(state_file()).ok()?;
+    Some(format!("tcp://{}", address.trim()))
+}
+
+/// Ends the virtual drive; `false` if there was none.
+///
+/// # Errors
+/// The state file cannot be removed.
+pub fn stop() -> Result<bool> {
+    let file = state_file();
+    match std::fs::remove_file(&file) {
+        Ok(()) => Ok(true),
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(false),
+        Err(error) => Err(error).with_context(|| format!("removing {}", file.display())),
+    }
+}
+
+/// Starts the virtual drive in the background, built first if need be, and returns its address. `arguments` go to the program.
+///
+/// # Errors
+/// No workspace and no [`PROGRAM`], a failed build, a drive that does not start.
+pub fn start(arguments: &[String]) -> Result<String> {
+    let Built { program, elf } = build()?;
+    let state = state_file();
+    let mut command = Command::new(&program);
+    command.arg("--state").arg(&state).arg("--log").arg(log_file()).arg("--elf").arg(&elf).args(arguments);
+    command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped());
+    // Ctrl-C at the terminal is for this program, not for the drive.
+    #[cfg(unix)]
+    std::os::unix::process::CommandExt::process_group(&mut command, 0);
+    let mut child = command.spawn().with_context(|| format!("starting {}", program.display()))?;
+    let started = Instant::now();
+    loop {
+        if let Some(address) = find() {
+            eprintln!("virtual drive started: {address} (`servoctl virtual --stop` ends it)");
+            return Ok(address);
+        }
+        if child.try_wait().context("the virtual drive")?.is_some() {
+            let complaint = child.stderr.take().and_then(|text| BufReader::new(text).lines().next()?.ok());
+            bail!("the virtual drive did not start: {}", complaint.unwrap_or_default());
+        }
+        ensure!(started.elapsed() < START, "the virtual drive did not start within {} s", START.as_secs());
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
+fn build() -> Result<Built> {
+    match (std::env::var_os(PROGRAM), std::env::var_os(ELF)) {
+        (Some(program), Some(elf)) => return Ok(Built { program: program.into(), elf: elf.into() }),
+        (Some(_), None) => bail!("{PROGRAM} names the virtual drive, but {ELF} does not name its firmware"),
+        _ => {}
+    }
+    let workspace = workspace().with_context(|| {
+        format!("no workspace here to build the virtual drive in: go there, or set {PROGRAM} and {ELF}")
+    })?;
+    eprintln!("building firmware and virtual drive (some ten minutes the first time, nothing later)");
+    let mut cargo = Command::new(std::env::var_os("CARGO").unwrap_or("cargo".into()));
+    let output = cargo
+        .args(["run", "--quiet", "--package", "xtask", "--", "virtual"])
+        .current_dir(&workspace)
+        .stdin(Stdio::null())
+        .stderr(Stdio::inherit())
+        .output()
+        .context("starting cargo")?;
+    ensure!(output.status.success(), "the virtual drive could not be built: `cargo xtask virtual` says why");
+    let text = String::from_utf8_lossy(&output.stdout);
+    let line = text.lines().last().unwrap_or_default();
+    serde_json::from_str(line).with_context(|| format!("`cargo xtask virtual` printed {line:?}"))
+}
+
+/// The workspace that this program was started in, by cargo or by a person below it.
+fn workspace() -> Option<PathBuf> {
+    let by_cargo = std::env::var_os("CARGO_MANIFEST_DIR").map(PathBuf::from);
+    let here = by_cargo.or_else(|| std::env::current_dir().ok())?;
+    here.ancestors().find(|directory| directory.join("xtask/Cargo.toml").exists()).map(Path::to_owned)
+}
