@@ -64,9 +64,10 @@ impl Frame {
         Ok(Frame { bytes, length })
     }
 
-    /// Sends it if there is room; answers wait, streams do not.
+    /// Sends a stream's block if there is room. The last places are for answers: they wait for one, and a stream that asks for more
+    /// than the line carries must not take it from them.
     pub fn try_send(self) -> bool {
-        OUT.try_send(self).is_ok()
+        OUT.free_capacity() > 2 && OUT.try_send(self).is_ok()
     }
 }
 
@@ -75,7 +76,9 @@ impl Frame {
 pub async fn send(mut tx: LinkSender) {
     loop {
         let frame = OUT.receive().await;
+        // First what was before it: a writer whose bytes do not fit at once is never woken (embassy-stm32 0.6.0).
         // What could not be sent the host misses and asks for again.
+        let _ = tx.flush().await;
         let _ = tx.write_all(&frame.bytes[..frame.length]).await;
     }
 }

@@ -293,7 +293,7 @@ fn item_words(length: u32) -> u32 {
     2 + length.div_ceil(4)
 }
 
-/// An item longer than [`ITEM_BYTES`].
+/// An item longer than 1,536 bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TooLong;
 

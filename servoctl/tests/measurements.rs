@@ -47,7 +47,7 @@ fn the_noise_in_position_is_that_of_table_3() {
 fn every_compensator_does_what_chapter_4_says_of_it() {
     let outcome = outcome(Experiment::Compensators, 10, &[], Stage::default());
     let claims = &outcome.claims;
-    assert_eq!(claims.len(), 8);
+    assert_eq!(claims.len(), 10);
     assert!(claims.iter().all(|claim| claim.holds != Some(false)), "{claims:#?}");
     // Tuned at equal margins and noise, those that have no limit cycle.
     let search = outcome.search.unwrap();

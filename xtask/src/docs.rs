@@ -25,6 +25,8 @@ pub fn write() -> Result<()> {
         host::cargo("run").args(["--quiet", "--package", "servoctl", "--", "reference"]),
         "servoctl reference",
     )?;
+    // What is captured comes without its last line end.
+    let commands = commands + "\n";
     let pages = PAGES.map(|(path, render)| (path, render()));
     for (path, now) in pages.into_iter().chain([(COMMANDS, commands)]) {
         let before = std::fs::read_to_string(path).unwrap_or_default();

@@ -37,7 +37,7 @@ pub struct Options {
     #[arg(long, value_name = "S", default_value_t = 1)]
     seed: u64,
     /// exp2: error of the feedforward mass in percent, −20 to 20; repeatable [default: −2, −1, 0, 1, 2]
-    #[arg(long, value_name = "PERCENT", allow_negative_numbers = true, value_delimiter = ',')]
+    #[arg(long, value_name = "PERCENT", allow_hyphen_values = true, value_delimiter = ',')]
     mass_error: Vec<f64>,
     /// Only these configurations, by name, beside the first, which everything is compared with [default: all]
     #[arg(long, value_name = "NAMES", value_delimiter = ',', conflicts_with = "shard")]
@@ -288,4 +288,20 @@ pub fn read_stage(file: Option<&PathBuf>) -> Result<Stage> {
     let Some(file) = file else { return Ok(Stage::default()) };
     let text = std::fs::read_to_string(file).with_context(|| format!("--stage {}", file.display()))?;
     Stage::from_toml(&text).with_context(|| format!("--stage {}", file.display()))
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use crate::cli::{Arguments, Command};
+
+    #[test]
+    fn a_list_of_mass_errors_may_begin_with_a_minus() {
+        let typed = ["servoctl", "reproduce", "exp2", "--mass-error", "-2,1", "--moves", "3"];
+        let Command::Reproduce(options) = Arguments::try_parse_from(typed).unwrap().command else {
+            panic!("{typed:?}")
+        };
+        assert_eq!((options.mass_error, options.moves), (vec![-2.0, 1.0], Some(3)));
+    }
 }

