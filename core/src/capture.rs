@@ -189,12 +189,13 @@ mod tests {
     const ORDER: Order =
         Order { words: Selection(1 << 3), samples: 3, before: 0, every_ticks: 1, trigger: Trigger::MoveEnd };
 
-    /// A move in these ticks, an error that counts ticks, and a fault from tick 50 on.
+    /// A move in these ticks, an error that counts ticks, an excitation from tick 20 and a fault from tick 50 on.
     fn record(sequence: u32, moves: core::ops::Range<u32>) -> TickRecord {
+        let excited = if sequence >= 20 { flags::EXCITED } else { 0 };
         TickRecord {
             sequence,
             error_ct: sequence as i32,
-            flags: if moves.contains(&sequence) { flags::MOVING } else { 0 },
+            flags: excited | if moves.contains(&sequence) { flags::MOVING } else { 0 },
             fault: (sequence >= 50).then_some(Fault::OverCurrent),
             ..TickRecord::default()
         }
@@ -231,6 +232,7 @@ mod tests {
             (Trigger::MoveEnd, 10),
             (Trigger::Fault, 50),
             (Trigger::Error(30), 30),
+            (Trigger::Excitation, 20),
         ] {
             assert_eq!(captured(Order { trigger, ..ORDER }, 5..10).0, [tick, tick + 1, tick + 2], "{trigger:?}");
         }
