@@ -3,24 +3,24 @@
 use std::sync::atomic::AtomicBool;
 
 use servo_sim::Stage;
-use servoctl::commission::{Failure, Found, Simulated, Step, run, stages};
+use servoctl::commission::{Failure, Found, Many, Simulated, Step, run, stages};
 
 static NEVER: AtomicBool = AtomicBool::new(false);
 
 /// The stage of table 4, one with Dahl's friction and two with Maxwell slip; `servoctl commission --simulated --random 50` does more.
 #[test]
 fn stages_drawn_at_random_are_commissioned_and_left_with_the_bridge_off() {
-    let all = stages::commission_all(1, 0..4, &NEVER, || ()).unwrap();
-    println!("{}", stages::text(&all));
-    for c in &all {
-        assert_eq!(c.ended, None, "stage {}", c.stage);
-        assert!(c.bridge_off);
-        assert!((c.found.mass_kg.unwrap() / c.true_mass_kg - 1.0).abs() < 0.03);
-        // Table 4 is no curve with a σ.
-        if c.stage > 0 {
-            assert!((c.found.sigma_n_per_m.unwrap() / c.true_sigma_n_per_m - 1.0).abs() < 0.10, "stage {}", c.stage);
-            assert!((c.found.coulomb_n.unwrap() / c.true_coulomb_n - 1.0).abs() < 0.10, "stage {}", c.stage);
-        }
+    let many = Many::new(1, stages::commission_all(1, 0..4, &NEVER, || ()).unwrap());
+    println!("{}", many.to_text());
+    let summary = &many.summary;
+    assert_eq!((summary.tried, summary.succeeded, summary.unsafe_ends), (4, 4, 0));
+    assert!(summary.least_gain_percent.unwrap() >= 60.0);
+    for worst in [summary.sigma_error_percent, summary.coulomb_error_percent].map(|error| error.unwrap()[1]) {
+        assert!(worst < 10.0, "{worst} %");
+    }
+    assert!(summary.loop_error_percent.unwrap()[1] < 3.0, "{:?}", summary.loop_error_percent);
+    for c in &many.stages {
+        assert!((c.found.mass_kg.unwrap() / c.true_mass_kg - 1.0).abs() < 0.03, "stage {}", c.name);
     }
 }
 

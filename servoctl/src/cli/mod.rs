@@ -142,7 +142,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         Command::Theory(options) => theory::run(options),
         Command::Reproduce(options) => reproduce::run(options),
         Command::Fit(options) => fit::run(options),
-        Command::Commission(options) => commission::run(options),
+        Command::Commission(options) => commission::run(link, options),
         Command::Report(options) => report::run(options),
         Command::Merge(options) => merge::run(options),
     }

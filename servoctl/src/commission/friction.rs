@@ -56,6 +56,10 @@ pub struct ProfileFit {
     pub dahl_rms_n: f64,
     /// What Maxwell slip leaves (N rms); nothing if it cannot be fitted.
     pub maxwell_rms_n: Option<f64>,
+    /// Its elements; none if it cannot be fitted.
+    pub elements: Vec<maxwell::Element>,
+    /// Motion of the profile (m).
+    pub span_m: f64,
     /// Whether Maxwell slip is so much better that its parameters are needed.
     pub needs_maxwell: bool,
     /// Position (nm), measured friction (N) and Dahl's model (N), for a picture.
@@ -165,7 +169,8 @@ fn fit_profile(
     let record = Record::from_current(&time_s, &position_m, &force_n, mass_kg, 1.0)?;
     let found = dahl::fit_any_memory(&record, false)?;
     let dahl_rms_n = found.mse_n2.sqrt();
-    let maxwell_rms_n = maxwell::fit(&record, ELEMENTS).ok().map(|fit| fit.rms_n);
+    let maxwell = maxwell::fit(&record, ELEMENTS).ok();
+    let maxwell_rms_n = maxwell.as_ref().map(|fit| fit.rms_n);
     let model_n = found.force_n(&record);
     let every = samples.len().div_ceil(800).max(1);
     let points = record.position_m.iter().zip(record.force_n.iter().zip(&model_n)).step_by(every);
@@ -178,6 +183,8 @@ fn fit_profile(
         coulomb_ci95_n: found.ci95.coulomb_n.0,
         dahl_rms_n,
         maxwell_rms_n,
+        elements: maxwell.map_or_else(Vec::new, |fit| fit.elements),
+        span_m: record.span_m(),
         needs_maxwell: maxwell_rms_n.is_some_and(|rms_n| dahl_rms_n > SIMPLER_UNTIL * rms_n),
         loop_nm_n: points.map(|(x, (f, m))| [x * 1e9, f - found.offset_n, m - found.offset_n]).collect(),
     })

@@ -13,6 +13,7 @@ use servo_core::record::Selection;
 use servo_core::state::State;
 
 use super::Failure;
+use crate::link::Capture;
 
 /// What a drive can be told to do.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -21,6 +22,8 @@ pub enum Order {
     Enable,
     /// Bridge off.
     Disable,
+    /// Brake to rest.
+    Stop,
     /// Begin a move to a position (m).
     Move {
         /// Where to, m.
@@ -43,8 +46,6 @@ pub struct Status {
     pub fault: Option<Fault>,
     /// Position, m.
     pub position_m: f64,
-    /// Measured current, A.
-    pub iq_a: f64,
     /// A profile moves the set-point.
     pub moving: bool,
 }
@@ -82,7 +83,7 @@ pub trait Link {
     /// # Errors
     /// That of the line.
     fn reading(&mut self) -> Result<Reading, Failure>;
-    /// Orders a capture of error, position and force.
+    /// Orders a capture.
     ///
     /// # Errors
     /// As for [`Link::configure`].
@@ -91,7 +92,7 @@ pub trait Link {
     ///
     /// # Errors
     /// That of the line.
-    fn captured(&mut self) -> Result<Option<Vec<Sample>>, Failure>;
+    fn captured(&mut self) -> Result<Option<Capture>, Failure>;
     /// Lets time pass, s.
     ///
     /// # Errors
@@ -106,6 +107,8 @@ pub trait Link {
 
 /// Time between two looks at the drive, s.
 const LOOK_S: f64 = 0.02;
+/// Longest wait for rest when all is to end, s.
+const BRAKE_S: f64 = 1.0;
 /// Longest wait for anything, s.
 const PATIENCE_S: f64 = 120.0;
 
@@ -203,6 +206,24 @@ impl Session<'_> {
         self.until("the end of a move", |s| Ok((!s.link.status()?.moving).then_some(())))
     }
 
+    /// Brakes whatever moves, even if the user wishes to end: up to a second.
+    ///
+    /// # Errors
+    /// The drive's refusal, that of the line.
+    pub fn brake(&mut self) -> Result<(), Failure> {
+        if self.link.status()?.state != State::OperationEnabled {
+            return Ok(());
+        }
+        self.link.order(&Order::Stop)?;
+        for _ in 0..(BRAKE_S / LOOK_S) as u32 {
+            if !self.link.status()?.moving {
+                break;
+            }
+            self.link.wait(LOOK_S)?;
+        }
+        Ok(())
+    }
+
     /// Plays an excitation to its end, or until the drive ends it.
     ///
     /// # Errors
@@ -228,19 +249,74 @@ impl Session<'_> {
         }
     }
 
-    /// Captures every `every_ticks`-th of the ticks that follow an order, for `length_s`.
+    /// Captures every `every_ticks`-th of the ticks that follow an order, for `length_s`: from the beginning of an excitation, from the
+    /// end of a move.
     ///
     /// # Errors
     /// The drive's refusal, a fault.
     pub fn capture(&mut self, order: &Order, length_s: f64, every_ticks: u32) -> Result<Vec<Sample>, Failure> {
-        let samples = (length_s * f64::from(SERVO_HZ) / f64::from(every_ticks)).round() as u32;
+        let captured = self.capture_words(Selection::ERROR_POSITION_FORCE, order, length_s, every_ticks)?;
+        let [error_ct, position_ct, force_n] =
+            ["error_ct", "position_low_ct", "force_n"].map(|name| column(&captured, name));
+        let (position_ct, count_m) = (position_ct?, self.settings.encoder_count_m);
+        let samples =
+            error_ct?.into_iter().zip(force_n?).zip(&position_ct).map(|((error_ct, force_n), at_ct)| Sample {
+                error_m: error_ct * count_m,
+                // The low word of the position may turn over.
+                position_m: f64::from((*at_ct as i32).wrapping_sub(position_ct[0] as i32)) * count_m,
+                force_n,
+            });
+        Ok(samples.collect())
+    }
+
+    /// [`Session::capture`] of the error alone, m: a third of the words.
+    ///
+    /// # Errors
+    /// The drive's refusal, a fault.
+    pub fn errors_m(&mut self, order: &Order, length_s: f64, every_ticks: u32) -> Result<Vec<f64>, Failure> {
+        const ERROR: &str = "error_ct";
+        let words = Selection::named([ERROR]).ok_or(Failure::Missing(ERROR))?;
+        let captured = self.capture_words(words, order, length_s, every_ticks)?;
+        Ok(column(&captured, ERROR)?.into_iter().map(|error_ct| error_ct * self.settings.encoder_count_m).collect())
+    }
+
+    fn capture_words(
+        &mut self,
+        words: Selection,
+        order: &Order,
+        length_s: f64,
+        every_ticks: u32,
+    ) -> Result<Capture, Failure> {
         let trigger = match order {
             Order::Excite(_) => Trigger::Excitation,
             _ => Trigger::MoveEnd,
         };
-        let words = Selection::ERROR_POSITION_FORCE;
-        self.link.arm(capture::Order { words, samples, before: 0, every_ticks, trigger })?;
+        self.arm(words, length_s, every_ticks, trigger)?;
         self.link.order(order)?;
+        self.captured()
+    }
+
+    /// Captures one signal in every tick for `length_s` from now on, in the unit of its name in
+    /// [`COLUMNS`](servo_core::record::COLUMNS).
+    ///
+    /// # Errors
+    /// The drive's refusal, a fault.
+    pub fn signal(&mut self, name: &'static str, length_s: f64) -> Result<Vec<f64>, Failure> {
+        let words = Selection::named([name]).ok_or(Failure::Missing(name))?;
+        self.arm(words, length_s, 1, Trigger::Now)?;
+        column(&self.captured()?, name)
+    }
+
+    fn arm(&mut self, words: Selection, length_s: f64, every_ticks: u32, trigger: Trigger) -> Result<(), Failure> {
+        let samples = (length_s * f64::from(SERVO_HZ) / f64::from(every_ticks)).round() as u32;
+        self.link.arm(capture::Order { words, samples, before: 0, every_ticks, trigger })
+    }
+
+    fn captured(&mut self) -> Result<Capture, Failure> {
         self.until("a capture", |s| s.link.captured())
     }
+}
+
+fn column(capture: &Capture, name: &'static str) -> Result<Vec<f64>, Failure> {
+    capture.column(name).ok_or(Failure::Missing(name))
 }

@@ -15,6 +15,8 @@ use super::{Failure, Found, fit};
 
 /// Gains to begin with: about 50 Hz on 1.5 kg, and stable from half to twice of it.
 const CAUTIOUS: Pid = Pid { kp_n_per_m: 1.2e5, ki_n_per_m_s: 1e6, kd_n_s_per_m: 500.0 };
+/// How long the current is looked at, s.
+const OFFSET_S: f64 = 0.05;
 /// Largest offset of the current, as a share of the converter's range.
 const OFFSET_SHARE: f64 = 0.01;
 /// Largest noise of the position that is accepted, m rms.
@@ -60,13 +62,9 @@ pub fn bounded(shape: Shape, settings: &Settings) -> Request {
 /// Bridge off: what the current reads without one.
 pub fn offsets(session: &mut Session, found: &mut Found) -> Result<String, Failure> {
     session.link.order(&Order::Disable)?;
-    let mut sum_a = 0.0;
-    const LOOKS: u32 = 50;
-    for _ in 0..LOOKS {
-        session.wait(1e-3)?;
-        sum_a += session.look()?.iq_a;
-    }
-    let offset_a = sum_a / f64::from(LOOKS);
+    session.wait(OFFSET_S)?;
+    let current_a = session.signal("iq_a", OFFSET_S)?;
+    let offset_a = current_a.iter().sum::<f64>() / current_a.len() as f64;
     let most_a = OFFSET_SHARE * session.settings.current_full_scale_a;
     fit("offset of the current / A", offset_a, -most_a, most_a, "the converters are not calibrated")?;
     found.current_offset_a = Some(offset_a);

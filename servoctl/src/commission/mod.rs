@@ -18,9 +18,11 @@
 mod friction;
 mod link;
 mod loops;
+mod on_line;
 pub mod page;
 mod simulated;
 pub mod stages;
+mod summary;
 mod verification;
 
 use std::collections::BTreeMap;
@@ -37,7 +39,9 @@ use servo_ident::tuning::{Niasa, Pid, Stability};
 
 pub use friction::ProfileFit;
 pub use link::{Link, Order, Sample, Session, Status};
+pub use on_line::OnLine;
 pub use simulated::{Simulated, data_sheet};
+pub use summary::{Many, Summary};
 pub use verification::{LEAST_GAIN, Settled, TOLERANCE_NM};
 
 /// Why commissioning ended.
@@ -246,11 +250,17 @@ pub fn run(
         }
         Ok(())
     });
-    let off = session.link.order(&Order::Disable);
-    match (result, off) {
+    match (result, end(&mut session)) {
         (Ok(()), Err(failure)) => Err((Step::Save, failure)),
         (result, _) => result,
     }
+}
+
+/// Brakes what moves, then turns the bridge off; the bridge goes off even if braking fails.
+fn end(session: &mut Session) -> Result<(), Failure> {
+    let braked = session.brake();
+    session.link.order(&Order::Disable)?;
+    braked
 }
 
 /// Takes up what is written down.

@@ -1,23 +1,18 @@
 //! The commissioning report.
 
 use servo_ident::frf::Point;
-use servo_sim::Stage;
 
 use super::{Found, TOLERANCE_NM};
 use crate::plot::{Axis, Band, Plot, Series};
 use crate::report::Report;
 use crate::table::{Table, number};
 
-/// The page as HTML; `ended` says which step ended it, and why.
-pub fn render(found: &Found, stage: &Stage, ended: Option<&str>) -> String {
-    let caption = format!(
-        "simulated: the drive of servo-core on a stage of {} kg with {:?} friction",
-        stage.mechanics.mass_kg, stage.friction.model
-    );
+/// The page as HTML; `caption` says what was commissioned, `ended` which step ended it, and why.
+pub fn render(found: &Found, caption: &str, ended: Option<&str>) -> String {
     let summary = match (ended, found.gain()) {
         (Some(why), _) => format!("Ended: {why}."),
         (None, Some(gain)) => {
-            format!("The axis settles to ±{TOLERANCE_NM} nm {:.0} % faster with NIASA (simulated).", 100.0 * gain)
+            format!("The axis settles to ±{TOLERANCE_NM} nm {:.0} % faster with NIASA.", 100.0 * gain)
         }
         (None, None) => "Not verified.".to_owned(),
     };
@@ -34,7 +29,7 @@ pub fn render(found: &Found, stage: &Stage, ended: Option<&str>) -> String {
             ],
             format!("Plant on a slow move, and loop transmission at several amplitudes: {caption}"),
         );
-        report.table(margins_table(found, &caption));
+        report.table(margins_table(found, caption));
     }
     if let Some(profile) = found.profiles.first() {
         let line = |column: usize| profile.loop_nm_n.iter().map(move |p| (p[0], p[column]));
@@ -46,7 +41,7 @@ pub fn render(found: &Found, stage: &Stage, ended: Option<&str>) -> String {
                     .series(Series::new("Dahl's model", 1).line(line(2)))],
                 format!("Friction force over position at the first place: {caption}"),
             )
-            .table(friction_table(found, &caption));
+            .table(friction_table(found, caption));
     }
     if let Some([without, with]) = &found.settled {
         let trace = |name: &str, colour, trace_nm: &[f64]| {

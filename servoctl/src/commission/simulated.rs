@@ -1,6 +1,5 @@
 //! A simulated drive on a simulated stage, as a link.
 
-use servo_core::SERVO_DT_S;
 use servo_core::capture::{self, Capture};
 use servo_core::config::Config;
 use servo_core::drive::{self, Command};
@@ -9,19 +8,21 @@ use servo_core::parameters::{Access, Settings, TABLE};
 use servo_core::position::Position;
 use servo_core::record::{TickRecord, flags};
 use servo_core::refusal::Refusal;
+use servo_core::{SERVO_DT_S, SERVO_HZ};
 use servo_host_tests::{FastBench, tuning};
 use servo_sim::Stage;
 
 use super::Failure;
-use super::link::{Link, Order, Sample, Status};
+use super::link::{Link, Order, Status};
+use crate::link::Capture as Captured;
 
 /// The drive of `servo-core` on the carriage of `servo-sim`, and what is captured.
 pub struct Simulated {
     bench: FastBench,
     settings: Settings,
     capture: Capture,
-    /// Position, error and force of each sample.
-    words: Vec<[u32; 3]>,
+    /// Its ring.
+    words: Vec<u32>,
     last: TickRecord,
     /// Parameters of the last save.
     pub saved: Option<Settings>,
@@ -84,11 +85,21 @@ impl Simulated {
         self.last.flags & flags::BRIDGE_ON != 0
     }
 
+    /// Whether the stage moves less than a micrometre in a tenth of a second.
+    pub fn is_at_rest(&mut self) -> bool {
+        let from = self.last.position;
+        for _ in 0..SERVO_HZ / 10 {
+            let _ = self.tick(None);
+        }
+        (f64::from(self.last.position.minus(from)) * self.settings.encoder_count_m).abs() < 1e-6
+    }
+
     fn tick(&mut self, command: Option<Command>) -> drive::Outcome {
         let output = self.bench.tick(command);
         self.last = output.record;
         if let Some(sample) = self.capture.step(&output.record) {
-            self.words.push([sample.words[0], sample.words[1], sample.words[2]]);
+            // None from before the trigger is ever asked for: they come in their order.
+            self.words.extend(&sample.words[..sample.count as usize]);
         }
         output.outcome.unwrap_or(Ok(()))
     }
@@ -112,6 +123,7 @@ impl Link for Simulated {
         let command = match *order {
             Order::Enable => Command::Enable,
             Order::Disable => Command::Disable,
+            Order::Stop => Command::Stop,
             Order::Move { target_m, limits } => Command::Move { target: self.counts(target_m), limits },
             Order::Excite(ref request) => Command::Excite(measure::Order::new(request, self.settings.encoder_count_m)?),
             Order::Compensator(compensator) => Command::Compensator(compensator),
@@ -124,7 +136,6 @@ impl Link for Simulated {
             state: self.bench.drive.state(),
             fault: self.bench.drive.fault(),
             position_m: self.last.position.0 as f64 * self.settings.encoder_count_m,
-            iq_a: f64::from(self.last.iq_a),
             moving: self.last.flags & flags::MOVING != 0,
         })
     }
@@ -139,17 +150,11 @@ impl Link for Simulated {
         Ok(())
     }
 
-    fn captured(&mut self) -> Result<Option<Vec<Sample>>, Failure> {
-        if !matches!(self.capture.progress(), capture::Progress::Complete(_)) {
-            return Ok(None);
+    fn captured(&mut self) -> Result<Option<Captured>, Failure> {
+        match self.capture.progress() {
+            capture::Progress::Complete(complete) => Ok(Some(Captured::new(complete, std::mem::take(&mut self.words)))),
+            _ => Ok(None),
         }
-        let (count_m, first) = (self.settings.encoder_count_m, self.words[0][0]);
-        let sample = |[position, error, force]: &[u32; 3]| Sample {
-            error_m: f64::from(*error as i32) * count_m,
-            position_m: f64::from(position.wrapping_sub(first) as i32) * count_m,
-            force_n: f64::from(f32::from_bits(*force)),
-        };
-        Ok(Some(self.words.iter().map(sample).collect()))
     }
 
     fn wait(&mut self, seconds: f64) -> Result<(), Failure> {
