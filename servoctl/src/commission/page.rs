@@ -1,8 +1,10 @@
 //! The commissioning report.
 
+use servo_core::parameters::Parameter;
 use servo_ident::frf::Point;
 
 use super::{Found, TOLERANCE_NM};
+use crate::link::units::show_number;
 use crate::plot::{Axis, Band, Plot, Series};
 use crate::report::Report;
 use crate::table::{Table, number};
@@ -59,7 +61,7 @@ pub fn render(found: &Found, caption: &str, ended: Option<&str>) -> String {
             .section("Settling")
             .figure([plot], format!("Error after the first of ten 5 mm moves at 1 m/s²: {caption}"));
     }
-    report.section("Parameters").facts(found.parameters.iter().map(|(name, value)| (name.clone(), format!("{value}"))));
+    report.section("Parameters").table(parameter_table(found, caption));
     report.render()
 }
 
@@ -83,6 +85,15 @@ fn margins_table(found: &Found, caption: &str) -> Table {
             show(margins.and_then(|m| m.gain_margin_db)),
             number(stability.sensitivity_peak, 2),
         ])
+    })
+}
+
+fn parameter_table(found: &Found, caption: &str) -> Table {
+    let header = ["parameter", "value", "unit"];
+    let table = Table::new(format!("Parameters in use: {caption}"), &header);
+    found.parameters.iter().fold(table, |table, (name, value)| {
+        let unit = Parameter::by_name(name).map_or("", |row| row.unit);
+        table.row([name.clone(), show_number(*value), unit.to_owned()])
     })
 }
 
