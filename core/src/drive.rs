@@ -13,7 +13,7 @@ use crate::current::Demand;
 use crate::encoder::sincos::{self, Interpolator, Sample};
 use crate::encoder::tracker::{FROZEN_AFTER, Tracker, Update};
 use crate::fault::{Fault, Reaction};
-use crate::monitor::{self, Monitor};
+use crate::monitor::Monitor;
 use crate::position::{Position, saturate};
 use crate::profile::{Limits, Profile, Setpoint};
 use crate::record::{TickRecord, flags};
@@ -127,7 +127,7 @@ pub struct Drive {
     /// Loops closed: the bridge is on.
     torque: bool,
     request: Request,
-    /// Operation enabled, and nothing else is asked for.
+    /// Operation enabled, nothing else is asked for, and no frame was lost shortly before.
     steady: bool,
     /// [`Command::Enable`] is on its way up.
     climbing: bool,
@@ -215,6 +215,12 @@ impl Drive {
     /// First fault since the last reset.
     pub fn fault(&self) -> Option<Fault> {
         self.fault
+    }
+
+    /// The next tick has nothing to do but to control, if all stays well: Operation enabled, nothing else is asked for, and no frame
+    /// was lost shortly before.
+    pub fn is_steady(&self) -> bool {
+        self.steady
     }
 
     /// How the last move settled, so far.
@@ -378,16 +384,12 @@ impl Drive {
         }
         let misaligned = self.align(inputs.iq_a);
         let k = &self.config.monitor;
+        // The current of an alignment is no force in its direction, and may shake a stage that something elastic holds.
+        let aligning = self.aligning.is_some();
+        if self.torque || update != Update::Measured || self.monitor.is_bridging() {
+            self.monitor.find_jump(if aligning { i32::MAX } else { k.jump_ct }, update, &self.tracker);
+        }
         let fault = if self.torque {
-            // The current of an alignment is no force in its direction, and may shake a stage that something elastic holds.
-            let aligning = self.aligning.is_some();
-            let relaxed;
-            let k = if aligning {
-                relaxed = monitor::Coefficients { jump_ct: i32::MAX, ..*k };
-                &relaxed
-            } else {
-                k
-            };
             let found = self.monitor.diagnose(k, self.counters.ticks, inputs, update, &self.tracker, error_ct);
             found.filter(|fault| !aligning || *fault != Fault::WrongCommutation).or(misaligned)
         } else {
@@ -436,7 +438,8 @@ impl Drive {
         self.torque = self.state.has_torque() || (self.state == State::FaultReactionActive && braking);
         self.steady = self.state == State::OperationEnabled
             && self.request == Request::EnableOperation
-            && self.aligning.is_none();
+            && self.aligning.is_none()
+            && !self.monitor.is_bridging();
         if self.state == State::SwitchOnDisabled && !self.climbing {
             // A request that led here is spent: only a new one leads on.
             self.request = Request::DisableVoltage;

@@ -92,7 +92,7 @@ faults! {
         "Clean scale and reading head; check their alignment.";
     11 EncoderFrozen 0x7300 Off "1 to 3 repeated frames in motion, encoder_frozen_ticks at rest", "encoder frozen",
         "The encoder repeats one reading to the count.", "The encoder has hung: cycle its supply.";
-    12 EncoderJump 0x7300 Off "1 frame", "encoder jump",
+    12 EncoderJump 0x7300 Off "1 frame, also after lost ones", "encoder jump",
         "The speed changed by more from tick to tick than the motor can make it.", "Clean the scale; after a collision, look for damage.";
     14 MotorOverload 0x2350 MayBrake "4 ticks, after the thermal model", "motor overload (i²t)",
         "The mean square of the current is above that of the continuous current.", "Less load, slower moves or longer pauses.";
