@@ -13,6 +13,7 @@ use servo_core::fault::Fault;
 use servo_core::image::Invalid;
 use servo_core::measure::{self, Reading};
 use servo_core::profile::Limits;
+use servo_core::record::{TickRecord, flags};
 use servo_core::refusal::Refusal;
 use servo_core::settling::Settling;
 use servo_core::state::State;
@@ -227,4 +228,25 @@ pub struct Status {
     pub lost_records: u32,
     /// Blocks of streams that found the line busy.
     pub lost_blocks: u32,
+}
+
+impl Status {
+    /// Of the tick of `record`, with what the drive counts besides; nothing lost on the way, which is the caller's to add.
+    pub fn of(record: &TickRecord, counters: Counters, capture: Progress) -> Self {
+        Status {
+            tick: record.sequence,
+            state: record.state,
+            fault: record.fault,
+            moving: record.flags & flags::MOVING != 0,
+            position_ct: record.position.0,
+            error_ct: record.error_ct,
+            force_n: record.force_n,
+            bus_v: record.bus_v,
+            counters,
+            capture,
+            bad_requests: 0,
+            lost_records: 0,
+            lost_blocks: 0,
+        }
+    }
 }

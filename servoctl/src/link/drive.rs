@@ -1,5 +1,6 @@
 //! The drive, as its commands see it: one method for each thing that a person wants of it.
 
+use std::cell::Cell;
 use std::time::Duration;
 
 use servo_core::SERVO_HZ;
@@ -9,6 +10,7 @@ use servo_core::parameters::{Parameter, Settings, TABLE};
 use servo_core::record::COLUMNS;
 use servo_core::settling::Settling;
 use servo_core::state::State;
+use servo_protocol::black_box;
 use servo_protocol::endpoint;
 use servo_protocol::message::{
     Identity, PARAMETERS_PER_REPLY, PARAMETERS_PER_REQUEST, PROTOCOL, ParameterStore, Reply, Request, SaveProgress,
@@ -357,6 +359,23 @@ impl Drive {
             Reply::Capture { first, words } if first == from as u32 && !words.is_empty() => Some(words.to_vec()),
             _ => None,
         })
+    }
+
+    /// Reads the black box's memory; whether it holds a recording, [`black_box::BlackBox::is_intact`] says.
+    ///
+    /// # Errors
+    /// Those of [`Client::request`].
+    pub fn read_black_box(&mut self) -> Result<Vec<Cell<u32>>, Error> {
+        let mut memory = Vec::with_capacity(black_box::WORDS);
+        while memory.len() < black_box::WORDS {
+            let from = memory.len() as u32;
+            let block = self.query(&Request::ReadBlackBox { first: from }, |reply| match reply {
+                Reply::BlackBox { first, words } if first == from && !words.is_empty() => Some(words),
+                _ => None,
+            })?;
+            memory.extend(block.into_iter().map(Cell::new));
+        }
+        Ok(memory)
     }
 
     /// Orders a capture.
