@@ -13,6 +13,7 @@ use servo_core::capture::{Complete, Progress};
 use servo_core::cascade::{CascadeGains, ParallelGains};
 use servo_core::config::{Compensator, Config};
 use servo_core::drive::Command;
+use servo_core::measure;
 use servo_core::parameters::{Access, Parameter, Settings, TABLE};
 use servo_core::position::Position;
 use servo_core::refusal::{Field, Refusal};
@@ -134,6 +135,7 @@ impl Commands {
             Request::Identity => return Reply::Identity(self.identity.clone()),
             Request::Status => return Reply::Status(self.status()),
             Request::Settling => return Reply::Settling(self.latest.snapshot.get().settling),
+            Request::Excitation => return self.excitation(),
             Request::ReadCapture { first } => return Reply::Capture { first, words: self.captured(first) },
             Request::ReadBlackBox { first } => return Reply::BlackBox { first, words: black_box_words(first) },
             Request::GetParameter(id) => match Parameter::by_id(id) {
@@ -155,6 +157,7 @@ impl Commands {
             Request::Move { target_ct, limits } => {
                 self.commander.execute(Command::Move { target: Position(target_ct), limits }).await
             }
+            Request::Excite(request) => self.excite(&request).await,
             Request::Compensator(compensator) => self.choose(compensator).await,
             Request::Gains(gains) => self.set_gains(gains).await,
             Request::SetParameters(values) => self.set_parameters(&values).await,
@@ -181,6 +184,16 @@ impl Commands {
             lost_blocks: self.latest.lost_blocks.get(),
             ..Status::of(&self.latest.record.get(), snapshot.counters, snapshot.capture)
         }
+    }
+
+    fn excitation(&self) -> Reply {
+        let snapshot = self.latest.snapshot.get();
+        Reply::Excitation { tick: snapshot.tick, reading: snapshot.excitation }
+    }
+
+    async fn excite(&mut self, request: &measure::Request) -> Answer {
+        let order = measure::Order::new(request, self.settings.encoder_count_m)?;
+        self.commander.execute(Command::Excite(order)).await
     }
 
     /// Words of a complete capture from index `first` on, as many as there are and fit a reply.

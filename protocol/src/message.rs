@@ -1,7 +1,7 @@
 //! Requests and replies.
 //!
-//! The order of the variants is the wire format: [`Request::Identity`] and [`Reply::Identity`] never change, and any other change
-//! raises [`PROTOCOL`]. [`crate::endpoint::ENDPOINTS`] says of every request what answers it and whether it may be repeated.
+//! The order of the variants is the wire format: [`Request::Identity`] and [`Reply::Identity`] never change, a request that is new at the
+//! end disturbs nobody, and any other change raises [`PROTOCOL`]. [`crate::endpoint::ENDPOINTS`] says of every request what answers it and whether it may be repeated.
 
 use heapless::{String, Vec};
 use serde::{Deserialize, Serialize};
@@ -11,6 +11,7 @@ use servo_core::config::Compensator;
 use servo_core::drive::Counters;
 use servo_core::fault::Fault;
 use servo_core::image::Invalid;
+use servo_core::measure::{self, Reading};
 use servo_core::profile::Limits;
 use servo_core::record::{TickRecord, flags};
 use servo_core::refusal::Refusal;
@@ -95,6 +96,10 @@ pub enum Request {
         /// Index of the first word.
         first: u32,
     },
+    /// Play an excitation, in place of one under way; [`Request::Excitation`] tells how it goes on.
+    Excite(measure::Request),
+    /// What the excitation under way, or the last one, has found: [`Reply::Excitation`].
+    Excitation,
 }
 
 /// What the drive answers.
@@ -139,6 +144,13 @@ pub enum Reply {
         first: u32,
         /// The words.
         words: Vec<u32, BLOCK_WORDS>,
+    },
+    /// To [`Request::Excitation`].
+    Excitation {
+        /// The reading is of this servo tick: one before the order's is that of an earlier excitation.
+        tick: u32,
+        /// What has been found.
+        reading: Reading,
     },
 }
 

@@ -5,6 +5,7 @@
 //! Everything that prints numbers takes [`output::Json`] as `#[command(flatten)]` and ends with
 //! [`output::Json::write`]; progress goes to standard error.
 
+pub mod commission;
 pub mod drive;
 pub mod fit;
 pub mod interrupt;
@@ -90,6 +91,8 @@ pub enum Command {
     /// Friction models fitted to measured force or current over position
     #[command(subcommand)]
     Fit(fit::Options),
+    /// From an unknown stage to a tuned axis that settles with NIASA: measure, tune, identify, verify
+    Commission(commission::Options),
     /// The thesis beside the simulation: every figure, table and number of it, on one page
     Report(report::Options),
     /// Join the parts of an experiment that `reproduce --shard` computed
@@ -141,6 +144,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         Command::Theory(options) => theory::run(options),
         Command::Reproduce(options) => reproduce::run(options),
         Command::Fit(options) => fit::run(options),
+        Command::Commission(options) => commission::run(link, options),
         Command::Report(options) => report::run(options),
         Command::Merge(options) => merge::run(options),
     }

@@ -1,9 +1,11 @@
 //! The drive, as its commands see it: one method for each thing that a person wants of it.
 
 use std::cell::Cell;
+use std::time::Duration;
 
 use servo_core::SERVO_HZ;
 use servo_core::capture::{Complete, Order, Progress};
+use servo_core::measure::Reading;
 use servo_core::parameters::{Parameter, Settings, TABLE};
 use servo_core::record::COLUMNS;
 use servo_core::settling::Settling;
@@ -198,6 +200,37 @@ impl Drive {
             Reply::Settling(settling) => Some(settling),
             _ => None,
         })
+    }
+
+    /// What the excitation under way, or the last one, has found: at least as new as the last command.
+    ///
+    /// # Errors
+    /// Those of [`Client::request`].
+    pub fn excitation(&mut self) -> Result<Reading, Error> {
+        loop {
+            let (tick, reading) = self.query(&Request::Excitation, |reply| match reply {
+                Reply::Excitation { tick, reading } => Some((tick, reading)),
+                _ => None,
+            })?;
+            if self.last_tick.wrapping_sub(tick) as i32 <= 0 {
+                return Ok(reading);
+            }
+        }
+    }
+
+    /// Lets so many ticks of the drive's own time pass.
+    ///
+    /// # Errors
+    /// Those of [`Drive::status`].
+    pub fn wait(&mut self, ticks: u32) -> Result<(), Error> {
+        let first = self.status()?.tick;
+        let mut gone = 0;
+        while gone < ticks {
+            // A virtual drive's time is slower than the clock on the wall: it is asked how much has passed.
+            self.client.pass(Duration::from_secs_f64(f64::from(ticks - gone) / f64::from(SERVO_HZ)))?;
+            gone = self.status()?.tick.wrapping_sub(first);
+        }
+        Ok(())
     }
 
     /// All parameters in use.
