@@ -155,7 +155,10 @@ fn values<'a>(rows: impl IntoIterator<Item = &'a Parameter>, settings: &Settings
 
 fn show(json: &Json, rows: &[&Parameter], settings: &Settings) -> Result<()> {
     json.write(&values(rows.iter().copied(), settings), || match rows {
-        [row] => format!("{} = {} {}\n", row.name, units::show_number(row.get(settings)), row.unit),
+        [row] => {
+            let unit = if row.unit.is_empty() { String::new() } else { format!(" {}", row.unit) };
+            format!("{} = {}{unit}\n", row.name, units::show_number(row.get(settings)))
+        }
         rows => rows
             .iter()
             .fold(
