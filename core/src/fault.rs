@@ -106,7 +106,7 @@ faults! {
     18 PositionLimit 0x8612 Off "4 ticks", "position limit",
         "The stage is further outside of its travel than the margin.", "Move it back by hand; check travel and origin.";
     19 CommandTimeout 0x7500 MayBrake "4 ticks after command_timeout_s", "command time-out",
-        "No command came for longer than its limit while the bridge was on.", "Check the host and its line.";
+        "Nothing came from the host for longer than its limit while the bridge was on.", "Check the host and its line.";
     20 TaskHung 0x6010 Off "1 tick after 100 ms", "task hung",
         "A task of the firmware did not check in for 100 ms; the watchdog is no longer fed.",
         "This is a defect of the firmware: report it with the black box.";

@@ -73,7 +73,7 @@ pub struct Coefficients {
     pub position_min: Position,
     /// The stage may not be above this.
     pub position_max: Position,
-    /// Windows without a command; `u32::MAX`: no limit.
+    /// Windows without a command, a sign of life included; `u32::MAX`: no limit.
     pub silent_windows: u32,
 }
 

@@ -174,7 +174,7 @@ parameters! {
     0x051a disturbance_mass_kg "kg" [1e-3, 1000.0] 1.8, Always, "Nominal mass of the disturbance observer.";
     0x051b disturbance_bandwidth_hz "Hz" [0.1, 1000.0] 30.0, Always, "Bandwidth of the disturbance observer.";
     0x0601 tick_limit_cycles "cycles" [100.0, 65_000.0] 10_000.0, BridgeOff, "A servo tick longer than this is a fault; the default is one PWM period at 400 MHz.";
-    0x0602 command_timeout_s "s" [0.0, 3600.0] 0.0, Always, "Without a command for longer than this the bridge goes off; 0: never.";
+    0x0602 command_timeout_s "s" [0.0, 3600.0] 0.0, Always, "Without a request from the host for longer than this the bridge goes off; 0: never.";
 }
 
 impl Settings {

@@ -24,6 +24,8 @@ pub mod flags {
     pub const VOLTAGE_LIMITED: u16 = 1 << 7;
     /// The motor is being aligned: the current's direction is not that of a force.
     pub const ALIGNING: u16 = 1 << 8;
+    /// An excitation acts.
+    pub const EXCITED: u16 = 1 << 9;
 
     /// Limits that act, apart from faults: bit, name, meaning.
     pub const LIMITS: [(u16, &str, &str); 3] = [

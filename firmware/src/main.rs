@@ -11,6 +11,7 @@ mod telemetry;
 use defmt::{error, info, warn};
 use defmt_rtt as _;
 use embassy_executor::{SpawnError, SpawnToken, Spawner};
+use embassy_time::Instant;
 use heapless::String;
 use servo_core::axis::Axis;
 use servo_core::config::Config;
@@ -73,7 +74,10 @@ async fn main(spawner: Spawner) {
     match board.link {
         Ok((tx, rx)) => {
             spawn(&spawner, commands::send(tx));
-            spawn(&spawner, commands::run(rx, Commands { identity, settings, commander, latest, storage }));
+            spawn(
+                &spawner,
+                commands::run(rx, Commands { identity, settings, commander, latest, storage, heard: Instant::MIN }),
+            );
         }
         Err(error) => error!("no serial link: {}", error),
     }

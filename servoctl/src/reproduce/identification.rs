@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 use servo_core::SERVO_HZ;
 use servo_core::drive::Command;
-use servo_core::measure::DecayingSine;
+use servo_core::measure::{self, Node, Shape};
 use servo_core::parameters::Settings;
 use servo_core::position::Position;
 use servo_core::record::{TickRecord, flags};
@@ -45,6 +45,9 @@ const RAISE: f64 = 1.25;
 const FIRST_ERROR_M: f64 = 0.5e-6;
 /// Amplitudes that are tried.
 const ATTEMPTS: usize = 16;
+/// What ends a profile before harm is done: far beyond what it does, m and m/s.
+const TRAVEL_M: f32 = 100e-6;
+const SPEED_M_PER_S: f32 = 0.05;
 /// Rest after each excitation, ticks.
 const REST_TICKS: u32 = 400;
 /// Settling that is looked at, s from the end of the profile.
@@ -192,7 +195,7 @@ fn identification_profile(bench: &mut FastBench, settings: &Settings, hz: f32) -
     let mut amplitude_n = super::experiments::gains(settings).kp_n_per_m * FIRST_ERROR_M;
     let highest_hz = FREQUENCIES_HZ.iter().copied().fold(0.0, f32::max);
     for _ in 0..ATTEMPTS {
-        let tried = play(bench, settings, DecayingSine::new(amplitude_n as f32, highest_hz, 1, 1.0)?)?;
+        let tried = play(bench, settings, profile(amplitude_n, highest_hz, 1, 1.0))?;
         let positions = || tried.iter().map(|record| record.position);
         let span_ct = positions().max().zip(positions().min()).map_or(0, |(high, low)| high.minus(low));
         if f64::from(span_ct) * settings.encoder_count_m >= SPAN_M {
@@ -200,15 +203,28 @@ fn identification_profile(bench: &mut FastBench, settings: &Settings, hz: f32) -
         }
         amplitude_n *= RAISE;
     }
-    play(bench, settings, DecayingSine::new(amplitude_n as f32, hz, PERIODS, END_SHARE)?)
+    play(bench, settings, profile(amplitude_n, hz, PERIODS, END_SHARE))
 }
 
-/// Plays a profile of force and rests; the records of the profile.
-fn play(bench: &mut FastBench, settings: &Settings, mut profile: DecayingSine) -> Result<Vec<TickRecord>, Refusal> {
-    let mut records = Vec::with_capacity(profile.ticks() as usize);
-    while let Some(force_n) = profile.advance() {
-        let added_a = f64::from(force_n) / settings.force_constant_n_per_a;
-        records.push(operational(bench.tick_disturbed(None, added_a).record)?);
+fn profile(amplitude_n: f64, frequency_hz: f32, periods: u32, end_share: f32) -> Shape {
+    Shape::DecayingSine { amplitude: amplitude_n as f32, frequency_hz, periods, end_share }
+}
+
+/// Has the drive play a profile of force, and rests; the records of the profile.
+fn play(bench: &mut FastBench, settings: &Settings, shape: Shape) -> Result<Vec<TickRecord>, Refusal> {
+    let current_a = settings.current_limit_a as f32;
+    let request =
+        measure::Request { shape, node: Node::Force, travel_m: TRAVEL_M, speed_m_per_s: SPEED_M_PER_S, current_a };
+    let mut command = Some(Command::Excite(measure::Order::new(&request, settings.encoder_count_m)?));
+    let mut records = Vec::new();
+    loop {
+        let output = bench.tick(command.take());
+        output.outcome.unwrap_or(Ok(()))?;
+        let record = operational(output.record)?;
+        if record.flags & flags::EXCITED == 0 {
+            break;
+        }
+        records.push(record);
     }
     rest(bench, REST_TICKS)?;
     Ok(records)
