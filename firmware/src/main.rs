@@ -15,8 +15,8 @@ use embassy_time::Instant;
 use heapless::String;
 use servo_core::axis::Axis;
 use servo_core::config::Config;
+use servo_core::fingerprint::Fingerprint;
 use servo_protocol::message::{Identity, PROTOCOL};
-use servo_protocol::program::Fingerprint;
 use static_cell::StaticCell;
 
 use crate::commands::Commands;

@@ -161,7 +161,7 @@ pub struct Identity {
     pub protocol: u16,
     /// Firmware version: major, minor, patch.
     pub firmware: [u16; 3],
-    /// Fingerprint of the program in flash, see [`crate::program`]: tells which ELF the log is to be decoded with.
+    /// Fingerprint of the program in flash, see [`servo_core::fingerprint`]: tells which ELF the log is to be decoded with.
     pub program: u64,
     /// Name of the board.
     pub board: String<32>,

@@ -131,30 +131,30 @@ pub struct Study {
     pub settings: Settings,
 }
 
-/// Makes `runs` runs at each place and frequency and `steps` steps; nothing if it was stopped.
+/// Makes `runs` runs at each place and frequency and `steps` steps; ended from outside, it gives those that are finished.
 ///
 /// # Errors
 /// What the drive refuses.
-pub fn run(stage: &Stage, runs: u64, steps: u64, seed: u64, watch: Watch) -> Result<Option<Study>, Refusal> {
+pub fn run(stage: &Stage, runs: u64, steps: u64, seed: u64, watch: Watch) -> Result<Study, Refusal> {
     let settings = tuning::settings(stage, &STANDARD)?;
     let places: Vec<(usize, u64)> = (0..FREQUENCIES_HZ.len()).flat_map(|f| (0..PLACES).map(move |p| (f, p))).collect();
-    let at_places: Vec<Option<Found>> = places
+    let at_places: Vec<Found> = places
         .par_iter()
+        .with_max_len(1)
         .map(|(frequency, place)| at_place(stage, &settings, seed, *frequency, *place, runs, watch))
         .collect::<Result<_, Refusal>>()?;
     let passes: Vec<u64> = (0..steps.div_ceil(pass::MOVES)).collect();
-    let settled: Vec<Option<Found>> = passes
+    let settled: Vec<Found> = passes
         .par_iter()
+        .with_max_len(1)
         .map(|number| settle(stage, &settings, seed, *number, steps - number * pass::MOVES, watch))
         .collect::<Result<_, Refusal>>()?;
-    let Some(at_places) = at_places.into_iter().collect::<Option<Vec<Found>>>() else { return Ok(None) };
-    let Some(settled) = settled.into_iter().collect::<Option<Vec<Found>>>() else { return Ok(None) };
     let profiles = FREQUENCIES_HZ.iter().zip(at_places.chunks(PLACES as usize));
-    Ok(Some(Study {
+    Ok(Study {
         profiles: profiles.map(|(hz, found)| Group::new(Some(f64::from(*hz)), found)).collect(),
         settling: Group::new(None, &settled),
         settings,
-    }))
+    })
 }
 
 /// Runs of one kind, one after the other.
@@ -169,7 +169,7 @@ fn at_place(
     place: u64,
     runs: u64,
     watch: Watch,
-) -> Result<Option<Found>, Refusal> {
+) -> Result<Found, Refusal> {
     let mut bench = FastBench::new(stage, settings, seed)?;
     bench.enable()?;
     let place_m = (place as f64 - 0.5 * (PLACES - 1) as f64) * SPACING_M.min(stage.mechanics.travel_m / 10.0);
@@ -179,7 +179,7 @@ fn at_place(
     let mut found = Vec::new();
     for run in 0..runs {
         if watch.stop.load(Ordering::Relaxed) {
-            return Ok(None);
+            break;
         }
         bench.redraw((frequency as u64 * PLACES + place) * runs + run);
         let records = identification_profile(&mut bench, settings, FREQUENCIES_HZ[frequency])?;
@@ -187,7 +187,7 @@ fn at_place(
         found.push(fit(stage, bench.carriage.drawn_friction(), &records, place, name, false));
         (watch.finished)(1);
     }
-    Ok(Some(found))
+    Ok(found)
 }
 
 /// Finds an amplitude and plays the profile with it, at the force summing node.
@@ -255,9 +255,9 @@ fn settle(
     number: u64,
     left: u64,
     watch: Watch,
-) -> Result<Option<Found>, Refusal> {
+) -> Result<Found, Refusal> {
     if watch.stop.load(Ordering::Relaxed) {
-        return Ok(None);
+        return Ok(Vec::new());
     }
     let case = Case {
         name: "pid".to_owned(),
@@ -286,7 +286,7 @@ fn settle(
         })
         .collect();
     (watch.finished)(found.len() as u64);
-    Ok(Some(found))
+    Ok(found)
 }
 
 /// Dahl's model fitted to what the drive recorded.
@@ -343,6 +343,14 @@ fn determined(found: &DahlFit) -> Result<(), DataError> {
         undetermined(format!("the model leaves {:.1} % of F_C", share * 100.0))
     } else {
         Ok(())
+    }
+}
+
+impl Study {
+    /// Runs that were made, fitted or refused.
+    pub fn made(&self) -> u64 {
+        let groups = self.profiles.iter().chain([&self.settling]);
+        groups.map(|group| group.fits.len() as u64 + group.refused.values().sum::<u64>()).sum()
     }
 }
 
