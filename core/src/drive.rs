@@ -444,7 +444,8 @@ impl Drive {
             self.aligning = None;
         }
         let released = match self.state {
-            State::FaultReactionActive => !braking || self.is_at_rest(),
+            // No ramp: the option has been taken back in the middle of it.
+            State::FaultReactionActive => !braking || ramp.is_none() || self.is_at_rest(),
             State::OperationEnabled => self.config.options.disable_m_per_s2.is_none() || self.is_at_rest(),
             State::QuickStopActive => self.config.options.quick_stop_m_per_s2.is_none() || self.is_at_rest(),
             _ => true,

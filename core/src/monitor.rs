@@ -146,6 +146,8 @@ impl Monitor {
     /// at the set-point would count as a change of the movement.
     ///
     /// Mean speeds over neighbouring spans of m and n ticks differ by at most (m + n) / 2 times what the speed changes in a tick.
+    // Within the function that calls it, it would cost a tick with the bridge off the registers that it needs.
+    #[inline(never)]
     pub fn find_jump(&mut self, jump_ct: i32, update: Update, tracker: &Tracker) {
         if update != Update::Measured {
             let before = Bridge { moved_ct: self.step_ct.wrapping_sub(self.change_ct), ticks: 1, lost: 0 };

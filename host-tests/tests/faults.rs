@@ -324,6 +324,23 @@ fn a_fault_that_may_brake_brakes_to_rest_if_asked_and_any_other_one_ends_that_at
 }
 
 #[test]
+fn a_drive_that_brakes_in_a_fault_turns_off_when_the_option_to_do_so_is_taken_back() {
+    let stage = Stage::default();
+    let settings = Settings { fault_reaction_option: 2.0, quick_stop_m_per_s2: 20.0, ..settings(&stage) };
+    let mut bench = moving_with(&stage, &settings, 500);
+    while bench.axis.drive().state() != State::FaultReactionActive {
+        bench.tick_with(None, |s| s.temperature_code = u16::MAX);
+    }
+    // The cause is gone, the braking goes on.
+    bench.run(5, |output| assert!(output.bridge.enabled));
+    let config = servo_core::config::Config::new(&Settings { fault_reaction_option: 0.0, ..settings }).unwrap();
+    let output = bench.tick(Some(Command::Configure { config, needs_bridge_off: false }));
+    assert_eq!(output.outcome, Some(Ok(())));
+    assert_eq!((output.bridge.enabled, output.record.state), (false, State::Fault));
+    assert_eq!(output.record.fault, Some(Fault::OverTemperature));
+}
+
+#[test]
 fn a_reset_while_the_cause_lasts_does_not_leave_fault() {
     let mut bench = moving_bench(300);
     let broken: Tamper = |s| s.signals = signals::BRIDGE_FAULT;
