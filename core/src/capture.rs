@@ -22,6 +22,8 @@ pub enum Trigger {
     Fault,
     /// The error's size reaches this many counts.
     Error(u32),
+    /// An excitation begins.
+    Excitation,
 }
 
 /// What to capture.
@@ -109,6 +111,7 @@ pub struct Capture {
     held: u32,
     trigger_tick: u32,
     was_moving: bool,
+    was_excited: bool,
     had_fault: bool,
     wait_ticks: u32,
 }
@@ -129,14 +132,16 @@ impl Capture {
     pub fn step(&mut self, record: &TickRecord) -> Option<Sample> {
         let order = self.order?;
         let (moving, fault) = (record.flags & flags::MOVING != 0, record.fault.is_some());
+        let excited = record.flags & flags::EXCITED != 0;
         let triggered = match order.trigger {
             Trigger::Now => true,
             Trigger::MoveStart => moving && !self.was_moving,
             Trigger::MoveEnd => !moving && self.was_moving,
             Trigger::Fault => fault && !self.had_fault,
             Trigger::Error(least_ct) => record.error_ct.unsigned_abs() >= least_ct,
+            Trigger::Excitation => excited && !self.was_excited,
         };
-        (self.was_moving, self.had_fault) = (moving, fault);
+        (self.was_moving, self.was_excited, self.had_fault) = (moving, excited, fault);
         if self.progress == Progress::Armed && triggered {
             self.progress = Progress::Running(self.held);
             self.trigger_tick = record.sequence;
@@ -184,12 +189,13 @@ mod tests {
     const ORDER: Order =
         Order { words: Selection(1 << 3), samples: 3, before: 0, every_ticks: 1, trigger: Trigger::MoveEnd };
 
-    /// A move in these ticks, an error that counts ticks, and a fault from tick 50 on.
+    /// A move in these ticks, an error that counts ticks, an excitation from tick 20 and a fault from tick 50 on.
     fn record(sequence: u32, moves: core::ops::Range<u32>) -> TickRecord {
+        let excited = if sequence >= 20 { flags::EXCITED } else { 0 };
         TickRecord {
             sequence,
             error_ct: sequence as i32,
-            flags: if moves.contains(&sequence) { flags::MOVING } else { 0 },
+            flags: excited | if moves.contains(&sequence) { flags::MOVING } else { 0 },
             fault: (sequence >= 50).then_some(Fault::OverCurrent),
             ..TickRecord::default()
         }
@@ -226,6 +232,7 @@ mod tests {
             (Trigger::MoveEnd, 10),
             (Trigger::Fault, 50),
             (Trigger::Error(30), 30),
+            (Trigger::Excitation, 20),
         ] {
             assert_eq!(captured(Order { trigger, ..ORDER }, 5..10).0, [tick, tick + 1, tick + 2], "{trigger:?}");
         }

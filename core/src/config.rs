@@ -231,6 +231,9 @@ fn compensator(s: &Settings) -> compensator::Coefficients {
     let like_dahl = |stiffness: f64, coulomb: f64| {
         maxwell_slip::Elements::like_dahl(maxwell_slip::MAX_ELEMENTS, stiffness as f32, coulomb as f32)
     };
+    let shaped_like_table_4 =
+        |stiffness: f64, coulomb: f64| maxwell_slip::GMS_TABLE_4.scaled(stiffness as f32, coulomb as f32);
+    let niasa_elements = if s.niasa_elements >= 0.5 { shaped_like_table_4 } else { like_dahl };
     let level = stribeck::Level {
         coulomb_n: s.friction_coulomb_n as f32,
         static_n: s.friction_static_n as f32,
@@ -250,7 +253,7 @@ fn compensator(s: &Settings) -> compensator::Coefficients {
         niasa: niasa::Coefficients {
             friction: dahl(s.niasa_stiffness_n_per_m, s.niasa_coulomb_n),
             maxwell: maxwell_slip::Coefficients {
-                elements: like_dahl(s.niasa_stiffness_n_per_m, s.niasa_coulomb_n),
+                elements: niasa_elements(s.niasa_stiffness_n_per_m, s.niasa_coulomb_n),
                 count_m: count_m as f32,
                 hysteresis_ct,
             },
@@ -283,6 +286,8 @@ fn compensator(s: &Settings) -> compensator::Coefficients {
             drive_m_per_s_per_ct: (count_m * kp_n_per_m / s.friction_stiffness_n_per_m / s.observer_time_constant_s)
                 as f32,
             speed_m_per_s_per_ct: (count_m / dt_s) as f32,
+            play_ct: hysteresis_ct,
+            limit_n: (s.current_limit_a * s.force_constant_n_per_a) as f32,
             dahl: dahl(s.friction_stiffness_n_per_m, s.friction_coulomb_n),
             integral_m_per_ct: (count_m * dt_s / s.observer_time_constant_s) as f32,
         },

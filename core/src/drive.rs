@@ -1,9 +1,11 @@
 //! The servo tick: everything the drive decides, 8,000 times a second.
 
 mod align;
+mod excite;
 mod obey;
 
 pub use align::Commutation;
+use excite::Excited;
 
 use crate::alignment::Alignment;
 use crate::cascade;
@@ -13,7 +15,8 @@ use crate::current::Demand;
 use crate::encoder::sincos::{self, Interpolator, Sample};
 use crate::encoder::tracker::{FROZEN_AFTER, Tracker, Update};
 use crate::fault::{Fault, Reaction};
-use crate::monitor::{self, Monitor};
+use crate::measure::{self, Excitation};
+use crate::monitor::Monitor;
 use crate::position::{Position, saturate};
 use crate::profile::{Limits, Profile, Setpoint};
 use crate::record::{TickRecord, flags};
@@ -70,6 +73,8 @@ pub enum Command {
     Stop,
     /// Choose the compensator, without a bump.
     Compensator(Compensator),
+    /// Play an excitation, in place of one under way.
+    Excite(measure::Order),
     /// Take over new coefficients, without a bump.
     Configure {
         /// The coefficients.
@@ -127,10 +132,12 @@ pub struct Drive {
     /// Loops closed: the bridge is on.
     torque: bool,
     request: Request,
-    /// Operation enabled, and nothing else is asked for.
+    /// Operation enabled, nothing else is asked for, and no frame was lost shortly before.
     steady: bool,
     /// [`Command::Enable`] is on its way up.
     climbing: bool,
+    /// An excitation acts.
+    exciting: bool,
     was_moving: bool,
     /// The next tick keeps `static_n`, whatever has been changed.
     absorb: bool,
@@ -162,6 +169,7 @@ pub struct Drive {
     aligning: Option<Alignment>,
     /// Its electrical angle, turns, and amplitude, A.
     vector: Option<[f32; 2]>,
+    excitation: Excitation,
 }
 
 impl Drive {
@@ -176,6 +184,7 @@ impl Drive {
             request: Request::default(),
             steady: false,
             climbing: false,
+            exciting: false,
             control_word: ControlWord::default(),
             monitor: Monitor::default(),
             tracker: Tracker::default(),
@@ -198,6 +207,7 @@ impl Drive {
             settling: settling::Monitor::default(),
             bus_v: 0.0,
             counters: Counters::default(),
+            excitation: Excitation::default(),
             saving: false,
         }
     }
@@ -215,6 +225,12 @@ impl Drive {
     /// First fault since the last reset.
     pub fn fault(&self) -> Option<Fault> {
         self.fault
+    }
+
+    /// The next tick has nothing to do but to control, if all stays well: Operation enabled, nothing else is asked for, and no frame
+    /// was lost shortly before.
+    pub fn is_steady(&self) -> bool {
+        self.steady
     }
 
     /// How the last move settled, so far.
@@ -335,6 +351,15 @@ impl Drive {
             return Output { demand, record, outcome };
         }
         self.control(&mut record, step_ct);
+        if self.exciting {
+            // By value: a record that is lent out would be copied in every tick.
+            let Excited { force_n, through_n } =
+                self.excite(position, step_ct, inputs.iq_a, record.proportional_n, record.force_n);
+            record.proportional_n += through_n;
+            record.force_n = force_n;
+            record.iq_set_a = force_n * self.config.amps_per_newton;
+            record.flags |= flags::EXCITED;
+        }
         let demand = Demand {
             enabled: true,
             iq_a: record.iq_set_a,
@@ -378,16 +403,12 @@ impl Drive {
         }
         let misaligned = self.align(inputs.iq_a);
         let k = &self.config.monitor;
+        // The current of an alignment is no force in its direction, and may shake a stage that something elastic holds.
+        let aligning = self.aligning.is_some();
+        if self.torque || update != Update::Measured || self.monitor.is_bridging() {
+            self.monitor.find_jump(if aligning { i32::MAX } else { k.jump_ct }, update, &self.tracker);
+        }
         let fault = if self.torque {
-            // The current of an alignment is no force in its direction, and may shake a stage that something elastic holds.
-            let aligning = self.aligning.is_some();
-            let relaxed;
-            let k = if aligning {
-                relaxed = monitor::Coefficients { jump_ct: i32::MAX, ..*k };
-                &relaxed
-            } else {
-                k
-            };
             let found = self.monitor.diagnose(k, self.counters.ticks, inputs, update, &self.tracker, error_ct);
             found.filter(|fault| !aligning || *fault != Fault::WrongCommutation).or(misaligned)
         } else {
@@ -423,7 +444,8 @@ impl Drive {
             self.aligning = None;
         }
         let released = match self.state {
-            State::FaultReactionActive => !braking || self.is_at_rest(),
+            // No ramp: the option has been taken back in the middle of it.
+            State::FaultReactionActive => !braking || ramp.is_none() || self.is_at_rest(),
             State::OperationEnabled => self.config.options.disable_m_per_s2.is_none() || self.is_at_rest(),
             State::QuickStopActive => self.config.options.quick_stop_m_per_s2.is_none() || self.is_at_rest(),
             _ => true,
@@ -434,9 +456,13 @@ impl Drive {
         self.state = state::next(self.state, inputs);
         self.climbing &= self.state != State::OperationEnabled;
         self.torque = self.state.has_torque() || (self.state == State::FaultReactionActive && braking);
-        self.steady = self.state == State::OperationEnabled
+        let operating = self.state == State::OperationEnabled
             && self.request == Request::EnableOperation
             && self.aligning.is_none();
+        if !operating {
+            self.abort_excitation();
+        }
+        self.steady = operating && !self.monitor.is_bridging();
         if self.state == State::SwitchOnDisabled && !self.climbing {
             // A request that led here is spent: only a new one leads on.
             self.request = Request::DisableVoltage;

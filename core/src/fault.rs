@@ -92,7 +92,7 @@ faults! {
         "Clean scale and reading head; check their alignment.";
     11 EncoderFrozen 0x7300 Off "1 to 3 repeated frames in motion, encoder_frozen_ticks at rest", "encoder frozen",
         "The encoder repeats one reading to the count.", "The encoder has hung: cycle its supply.";
-    12 EncoderJump 0x7300 Off "1 frame", "encoder jump",
+    12 EncoderJump 0x7300 Off "1 frame, also after lost ones", "encoder jump",
         "The speed changed by more from tick to tick than the motor can make it.", "Clean the scale; after a collision, look for damage.";
     14 MotorOverload 0x2350 MayBrake "4 ticks, after the thermal model", "motor overload (i²t)",
         "The mean square of the current is above that of the continuous current.", "Less load, slower moves or longer pauses.";
@@ -106,7 +106,7 @@ faults! {
     18 PositionLimit 0x8612 Off "4 ticks", "position limit",
         "The stage is further outside of its travel than the margin.", "Move it back by hand; check travel and origin.";
     19 CommandTimeout 0x7500 MayBrake "4 ticks after command_timeout_s", "command time-out",
-        "No command came for longer than its limit while the bridge was on.", "Check the host and its line.";
+        "Nothing came from the host for longer than its limit while the bridge was on.", "Check the host and its line.";
     20 TaskHung 0x6010 Off "1 tick after 100 ms", "task hung",
         "A task of the firmware did not check in for 100 ms; the watchdog is no longer fed.",
         "This is a defect of the firmware: report it with the black box.";

@@ -28,6 +28,7 @@ pub mod current;
 pub mod drive;
 pub mod encoder;
 pub mod fault;
+pub mod fingerprint;
 pub mod friction;
 pub mod image;
 pub mod math;

@@ -73,7 +73,7 @@ pub struct Coefficients {
     pub position_min: Position,
     /// The stage may not be above this.
     pub position_max: Position,
-    /// Windows without a command; `u32::MAX`: no limit.
+    /// Windows without a command, a sign of life included; `u32::MAX`: no limit.
     pub silent_windows: u32,
 }
 
@@ -84,6 +84,10 @@ pub struct Monitor {
     step_ct: i32,
     /// Change of the movement from the last tick to this one, counts.
     change_ct: i32,
+    /// Around lost frames: the last movement between two measured positions.
+    bridge: Option<Bridge>,
+    /// The movement changes by more than it can.
+    jumped: bool,
     /// Low 32 bits of the position where the last window ended.
     window_at: i32,
     window_step_ct: i32,
@@ -98,12 +102,24 @@ pub struct Monitor {
     runs_away: bool,
 }
 
+/// A movement between two measured positions, and what is missing after it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+struct Bridge {
+    moved_ct: i32,
+    /// Ticks that it took.
+    ticks: u8,
+    /// Frames lost since.
+    lost: u8,
+}
+
 impl Monitor {
     /// The loops are closed at `position`, at rest: windows begin anew. The motor stays as warm as it was.
     pub fn restart(&mut self, position: Position) {
         *self = Monitor {
             heat_a2: self.heat_a2,
             step_ct: self.step_ct,
+            bridge: self.bridge,
             window_at: position.0 as i32,
             ..Monitor::default()
         };
@@ -124,6 +140,37 @@ impl Monitor {
     pub fn follow(&mut self, step_ct: i32) {
         self.change_ct = step_ct.wrapping_sub(self.step_ct);
         self.step_ct = step_ct;
+    }
+
+    /// Looks for a jump in the measured positions, in place of the assumed ones that stand in for lost frames: with those, the error
+    /// at the set-point would count as a change of the movement.
+    ///
+    /// Mean speeds over neighbouring spans of m and n ticks differ by at most (m + n) / 2 times what the speed changes in a tick.
+    // Within the function that calls it, it would cost a tick with the bridge off the registers that it needs.
+    #[inline(never)]
+    pub fn find_jump(&mut self, jump_ct: i32, update: Update, tracker: &Tracker) {
+        if update != Update::Measured {
+            let before = Bridge { moved_ct: self.step_ct.wrapping_sub(self.change_ct), ticks: 1, lost: 0 };
+            let bridge = self.bridge.get_or_insert(before);
+            bridge.lost = bridge.lost.saturating_add(1);
+            self.jumped = false;
+            return;
+        }
+        let Some(Bridge { moved_ct, ticks, lost }) = self.bridge else {
+            self.jumped = beyond(self.change_ct, jump_ct);
+            return;
+        };
+        let now = Bridge { moved_ct: tracker.measured_step_ct(), ticks: lost.saturating_add(1), lost: 0 };
+        let (m, n) = (i64::from(ticks), i64::from(now.ticks));
+        // Two means that differ by d counts a tick, times 2 m n.
+        let twice_ct = 2 * (i64::from(now.moved_ct) * m - i64::from(moved_ct) * n);
+        self.jumped = twice_ct.abs() > i64::from(jump_ct) * m * n * (m + n);
+        self.bridge = (now.ticks > 1).then_some(now);
+    }
+
+    /// A frame was lost, now or shortly before: [`Monitor::find_jump`] has to look at the next tick.
+    pub fn is_bridging(&self) -> bool {
+        self.bridge.is_some()
     }
 
     /// Whether one of the checks of every tick finds something, encoder frames apart.
@@ -186,7 +233,6 @@ impl Monitor {
     ) -> Option<Fault> {
         let same = tracker.same_readings();
         let frozen_after = if tracker.was_moving() { FROZEN_AFTER } else { k.frozen_ticks };
-        let jumped = beyond(self.change_ct, k.jump_ct);
         let lost = match update {
             Update::Lost(cause) => Some(cause),
             Update::Measured | Update::Held(_) => None,
@@ -202,8 +248,8 @@ impl Monitor {
             (lost == Some(Cause::ErrorBit), Fault::EncoderErrorBit),
             (lost == Some(Cause::Signal), Fault::EncoderSignal),
             // Nothing stops so suddenly, and on the same count.
-            (same >= frozen_after || (same > 0 && jumped), Fault::EncoderFrozen),
-            (jumped, Fault::EncoderJump),
+            (same >= frozen_after || (same > 0 && self.jumped), Fault::EncoderFrozen),
+            (self.jumped, Fault::EncoderJump),
             (turn == 0 && self.opposed >= OPPOSED_WINDOWS, Fault::WrongCommutation),
             (turn == 2 && beyond(self.window_step_ct, k.overspeed_ct), Fault::Overspeed),
             (turn == 2 && self.runs_away, Fault::Runaway),

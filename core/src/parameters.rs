@@ -163,6 +163,7 @@ parameters! {
     0x0506 niasa_hysteresis_m "m" [0.0, 1e-6] 2e-9, Always, "Return from an extreme that counts as a velocity reversal; four to five times the encoder's rms noise.";
     0x0507 niasa_frozen_in_profile "" [0.0, 1.0] 1.0, Always, "0: acts always. 1: frozen while the profile moves (8.1.2).";
     0x0508 niasa_with_proportional "" [0.0, 1.0] 1.0, Always, "0: schedules dF/dx beside the linear integral (App. E). 1: schedules dF/dx + k_P instead of it (7.55).";
+    0x0509 niasa_elements "" [0.0, 1.0] 0.0, Always, "Elements of NIASA on Maxwell slip, scaled to σ̂ and F̂_C. 0: a Dahl model's curve. 1: the curve of table 4.";
     0x0511 friction_stiffness_n_per_m "N/m" [1e3, 1e9] 8.66e6, Always, "σ (σ_0 of LuGre) of the model in feedforward, friction observers and scheduled PD.";
     0x0512 friction_coulomb_n "N" [1e-3, 1e3] 0.64, Always, "F_C of that model.";
     0x0513 friction_static_n "N" [1e-3, 1e3] 0.64, Always, "F_S of that model: static friction of the Stribeck curve, at least F_C.";
@@ -170,12 +171,12 @@ parameters! {
     0x0515 friction_damping_n_s_per_m "N s/m" [0.0, 1e6] 0.0, Always, "σ_1 of LuGre.";
     0x0516 friction_viscous_n_s_per_m "N s/m" [0.0, 1e6] 0.0, Always, "Viscous friction of that model.";
     0x0517 feedforward_model "" [0.0, 4.0] 0.0, Always, "0: Coulomb. 1: Stribeck. 2: Dahl. 3: LuGre. 4: generalised Maxwell slip.";
-    0x0518 observer_time_constant_s "s" [1e-4, 10.0] 0.01, Always, "Time constant of the error term that drives a friction observer (τ_d in 7.23).";
+    0x0518 observer_time_constant_s "s" [1e-5, 10.0] 0.01, Always, "Time constant of the error term that drives a friction observer (τ_d in 7.23).";
     0x0519 schedule_share "" [0.0, 10.0] 0.1, Always, "Share of the modelled slope that joins k_P in scheduled PD.";
     0x051a disturbance_mass_kg "kg" [1e-3, 1000.0] 1.8, Always, "Nominal mass of the disturbance observer.";
     0x051b disturbance_bandwidth_hz "Hz" [0.1, 1000.0] 30.0, Always, "Bandwidth of the disturbance observer.";
     0x0601 tick_limit_cycles "cycles" [100.0, 65_000.0] 10_000.0, BridgeOff, "A servo tick longer than this is a fault; the default is one PWM period at 400 MHz.";
-    0x0602 command_timeout_s "s" [0.0, 3600.0] 0.0, Always, "Without a command for longer than this the bridge goes off; 0: never.";
+    0x0602 command_timeout_s "s" [0.0, 3600.0] 0.0, Always, "Without a request from the host for longer than this the bridge goes off; 0: never.";
 }
 
 impl Settings {

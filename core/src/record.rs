@@ -24,6 +24,8 @@ pub mod flags {
     pub const VOLTAGE_LIMITED: u16 = 1 << 7;
     /// The motor is being aligned: the current's direction is not that of a force.
     pub const ALIGNING: u16 = 1 << 8;
+    /// An excitation acts.
+    pub const EXCITED: u16 = 1 << 9;
 
     /// Limits that act, apart from faults: bit, name, meaning.
     pub const LIMITS: [(u16, &str, &str); 3] = [
@@ -187,38 +189,9 @@ impl Selection {
     }
 }
 
-/// FNV-1a over 32-bit words: a fingerprint for comparing runs, not a checksum.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Fingerprint(pub u64);
-
-impl Default for Fingerprint {
-    fn default() -> Self {
-        Fingerprint(0xcbf2_9ce4_8422_2325)
-    }
-}
-
-impl Fingerprint {
-    /// Takes in words, least significant byte first.
-    #[must_use]
-    pub fn with(self, words: &[u32]) -> Self {
-        let step = |hash: u64, byte: u8| (hash ^ u64::from(byte)).wrapping_mul(0x100_0000_01b3);
-        Fingerprint(words.iter().flat_map(|w| w.to_le_bytes()).fold(self.0, step))
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn the_fingerprint_is_fnv_1a() {
-        // Published value for the bytes "foobar".
-        let hash = |bytes: &[u8]| {
-            bytes.iter().fold(Fingerprint::default().0, |h, b| (h ^ u64::from(*b)).wrapping_mul(0x100_0000_01b3))
-        };
-        assert_eq!(hash(b"foobar"), 0x8594_4171_f739_67e8);
-        assert_eq!(Fingerprint::default().with(&[u32::from_le_bytes(*b"foob")]).0, hash(b"foob"));
-    }
 
     #[test]
     fn columns_are_named_after_the_words_that_they_read() {

@@ -47,6 +47,10 @@ pub enum Field {
     EndShare,
     /// Length of an excitation, s.
     Duration,
+    /// Distance that an excitation may move the stage, m.
+    Travel,
+    /// Current during an excitation, A.
+    Current,
 }
 
 impl Field {
@@ -74,6 +78,8 @@ impl Field {
             Field::Periods => ("periods", ""),
             Field::EndShare => ("end share", ""),
             Field::Duration => ("duration", "s"),
+            Field::Travel => ("travel", "m"),
+            Field::Current => ("current", "A"),
         }
     }
 }

@@ -4,8 +4,8 @@ use defmt::info;
 use embassy_executor::task;
 use embassy_sync::blocking_mutex::raw::ThreadModeRawMutex;
 use embassy_sync::channel::Channel;
-use embassy_time::{Duration, Timer, with_timeout};
-use embedded_io_async::{Read, Write};
+use embassy_time::{Duration, Instant, Timer, with_timeout};
+use embedded_io_async::Read;
 use heapless::Vec;
 use servo_board::watchdog::Client;
 use servo_board::{LinkReceiver, LinkSender};
@@ -13,9 +13,9 @@ use servo_core::capture::{Complete, Progress};
 use servo_core::cascade::{CascadeGains, ParallelGains};
 use servo_core::config::{Compensator, Config};
 use servo_core::drive::{Command, Commutation};
+use servo_core::measure;
 use servo_core::parameters::{Access, Parameter, Settings, TABLE};
 use servo_core::position::Position;
-use servo_core::record::flags;
 use servo_core::refusal::{Field, Refusal};
 use servo_protocol::black_box::{self, Memory};
 use servo_protocol::frame::{MAX_FRAME, TooLong, encode};
@@ -29,6 +29,8 @@ use crate::storage::Storage;
 
 /// While the line is silent, the task checks in with the watchdog this often.
 const CHECK_IN: Duration = Duration::from_millis(20);
+/// The drive hears of a host that only asks this often.
+const HEAR: Duration = Duration::from_millis(10);
 
 /// What the requests act upon.
 pub struct Commands {
@@ -44,6 +46,8 @@ pub struct Commands {
     pub latest: &'static Latest,
     /// What is in the flash.
     pub storage: &'static Storage,
+    /// When the drive last heard of a request.
+    pub heard: Instant,
 }
 
 /// Frames on their way to the host, of every task.
@@ -78,10 +82,8 @@ impl Frame {
 pub async fn send(mut tx: LinkSender) {
     loop {
         let frame = OUT.receive().await;
-        // First what was before it: a writer whose bytes do not fit at once is never woken (embassy-stm32 0.6.0).
         // What could not be sent the host misses and asks for again.
-        let _ = tx.flush().await;
-        let _ = tx.write_all(&frame.bytes[..frame.length]).await;
+        let _ = tx.send(&frame.bytes[..frame.length]).await;
     }
 }
 
@@ -131,10 +133,12 @@ impl Commands {
     async fn handle(&mut self, id: u32, request: Request) -> Reply {
         self.tell_of_save().await;
         self.take_commutation();
+        self.hear().await;
         let outcome = match request {
             Request::Identity => return Reply::Identity(self.identity.clone()),
             Request::Status => return Reply::Status(self.status()),
             Request::Settling => return Reply::Settling(self.latest.snapshot.get().settling),
+            Request::Excitation => return self.excitation(),
             Request::ReadCapture { first } => return Reply::Capture { first, words: self.captured(first) },
             Request::ReadBlackBox { first } => return Reply::BlackBox { first, words: black_box_words(first) },
             Request::GetParameter(id) => match Parameter::by_id(id) {
@@ -156,6 +160,7 @@ impl Commands {
             Request::Move { target_ct, limits } => {
                 self.commander.execute(Command::Move { target: Position(target_ct), limits }).await
             }
+            Request::Excite(request) => self.excite(&request).await,
             Request::Compensator(compensator) => self.choose(compensator).await,
             Request::Gains(gains) => self.set_gains(gains).await,
             Request::SetParameters(values) => self.set_parameters(&values).await,
@@ -175,22 +180,22 @@ impl Commands {
 
     fn status(&self) -> Status {
         let snapshot = self.latest.snapshot.get();
-        let record = snapshot.record;
         Status {
-            tick: record.sequence,
-            state: record.state,
-            fault: record.fault,
-            moving: record.flags & flags::MOVING != 0,
-            position_ct: record.position.0,
-            error_ct: record.error_ct,
-            force_n: record.force_n,
-            bus_v: record.bus_v,
-            counters: snapshot.counters,
-            capture: snapshot.capture,
             bad_requests: self.latest.unreadable_frames.get(),
             lost_records: snapshot.records_dropped,
             lost_blocks: self.latest.lost_blocks.get(),
+            ..Status::of(&snapshot.record, snapshot.counters, snapshot.capture)
         }
+    }
+
+    fn excitation(&self) -> Reply {
+        let snapshot = self.latest.snapshot.get();
+        Reply::Excitation { tick: snapshot.record.sequence, reading: snapshot.excitation }
+    }
+
+    async fn excite(&mut self, request: &measure::Request) -> Answer {
+        let order = measure::Order::new(request, self.settings.encoder_count_m)?;
+        self.commander.execute(Command::Excite(order)).await
     }
 
     /// Words of a complete capture from index `first` on, as many as there are and fit a reply.
@@ -229,6 +234,15 @@ impl Commands {
             return Err(Refusal::Saving);
         }
         self.commander.execute(Command::BeginSave).await
+    }
+
+    /// Whatever the host asks is a sign of life; the drive itself sees only commands.
+    async fn hear(&mut self) {
+        if self.settings.command_timeout_s > 0.0 && self.heard.elapsed() >= HEAR {
+            self.heard = Instant::now();
+            // One that is refused has been heard.
+            let _ = self.commander.execute(Command::KeepAlive).await;
+        }
     }
 
     /// Tells the drive how a save has ended: with the next request, because nobody but a request can ask for torque.

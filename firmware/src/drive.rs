@@ -20,6 +20,7 @@ use servo_core::black_box::{Entry, Recorder};
 use servo_core::capture;
 use servo_core::current::{Bridge, PhaseCodes};
 use servo_core::drive::{Command, Commutation, Counters, Drive};
+use servo_core::measure::Reading;
 use servo_core::record::TickRecord;
 use servo_core::refusal::Refusal;
 use servo_core::settling::Settling;
@@ -80,6 +81,8 @@ pub struct Snapshot {
     pub settling: Settling,
     /// Where the capture stands.
     pub capture: capture::Progress,
+    /// What the excitation has found, so far.
+    pub excitation: Reading,
     /// Records that found the queue full.
     pub records_dropped: u32,
     /// What is known of the motor's electrical zero.
@@ -148,6 +151,7 @@ impl Control for InInterrupts {
                 counters: drive.counters(),
                 settling: drive.settling(),
                 capture: self.axis.capture().progress(),
+                excitation: drive.measured(),
                 records_dropped: self.records_dropped,
                 commutation: drive.commutation(),
             });

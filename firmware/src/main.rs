@@ -11,12 +11,13 @@ mod telemetry;
 use defmt::{error, info, warn};
 use defmt_rtt as _;
 use embassy_executor::{SpawnError, SpawnToken, Spawner};
+use embassy_time::Instant;
 use heapless::String;
 use servo_core::axis::Axis;
 use servo_core::config::Config;
 use servo_core::drive::Commutation;
+use servo_core::fingerprint::Fingerprint;
 use servo_protocol::message::{Identity, PROTOCOL};
-use servo_protocol::program::Fingerprint;
 use static_cell::StaticCell;
 
 use crate::commands::Commands;
@@ -74,8 +75,8 @@ async fn main(spawner: Spawner) {
     match board.link {
         Ok((tx, rx)) => {
             spawn(&spawner, commands::send(tx));
-            let commutation = Commutation::default();
-            let commands = Commands { identity, settings, commutation, commander, latest, storage };
+            let (commutation, heard) = (Commutation::default(), Instant::MIN);
+            let commands = Commands { identity, settings, commutation, commander, latest, storage, heard };
             spawn(&spawner, commands::run(rx, commands));
         }
         Err(error) => error!("no serial link: {}", error),

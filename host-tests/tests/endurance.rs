@@ -1,5 +1,5 @@
 //! Motion without end: random moves, a load that comes and goes, frames lost now and then. No fault without a cause, no lost count, no
-//! drift. `SERVO_MOTION_S` sets the simulated time; `cargo xtask endurance` makes it an hour.
+//! drift. `SERVO_MOTION_S` sets the simulated time, `SERVO_MOTION_SEED` what is drawn; `cargo xtask endurance` makes it an hour.
 
 use servo_core::compensator::Compensator;
 use servo_core::drive::Command;
@@ -27,15 +27,19 @@ fn motion_goes_on_without_a_fault_a_lost_count_or_a_drift() {
         Ok(seconds) => seconds.parse().expect("SERVO_MOTION_S is a number"),
         Err(_) => DEFAULT_S,
     };
+    let seed: u64 = match std::env::var("SERVO_MOTION_SEED") {
+        Ok(seed) => seed.parse().expect("SERVO_MOTION_SEED is a whole number"),
+        Err(_) => 1,
+    };
     let stage = Stage::default();
     let settings = tuning::settings(&stage, &tuning::STANDARD).unwrap();
     let count_m = settings.encoder_count_m;
     let noise_ct = stage.encoder.noise_m_rms / count_m;
-    let mut bench = FastBench::new(&stage, &settings, 1).unwrap();
+    let mut bench = FastBench::new(&stage, &settings, seed).unwrap();
     bench.enable().unwrap();
     bench.command(Command::Compensator(Compensator::Niasa)).unwrap();
 
-    let random = &mut Noise::new(1, Purpose::Friction, 77);
+    let random = &mut Noise::new(seed, Purpose::Friction, 77);
     let ticks = (seconds * f64::from(SERVO_HZ)) as u64;
     let (mut moves, mut lost, mut wait, mut say) = (0u32, 0u32, 0u32, 0u64);
     // Reading minus truth, counts: sum and number, in the first and in the second half.

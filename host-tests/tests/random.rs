@@ -1,5 +1,6 @@
 //! Whatever the drive is told and whatever it is shown: no torque where there may be none, no duty outside its limits, nothing that is
-//! not a number, no panic. `SERVO_RANDOM_TICKS` sets how long; a failure names the seed of its sequence.
+//! not a number, no panic. `SERVO_RANDOM_TICKS` sets how long, `SERVO_RANDOM_SEED` the first sequence; a failure names the seed of its
+//! sequence.
 
 use servo_core::axis::{Axis, ServoSample};
 use servo_core::compensator::Compensator;
@@ -205,6 +206,7 @@ fn sequence(seed: u64) -> u64 {
         let config = axis.drive().config();
         let record = output.record;
         let on = may_be_on(&record, config);
+        assert!(on || !output.bridge.enabled, "tick {tick}: the bridge is on: {record:?}");
         check_bridge(output.bridge, on);
         let force =
             [record.proportional_n, record.integral_n, record.compensator_n, record.feedforward_n, record.force_n];
@@ -227,11 +229,15 @@ fn nothing_ever_gives_torque_where_there_may_be_none_or_a_number_that_is_none() 
         Ok(ticks) => ticks.parse().expect("SERVO_RANDOM_TICKS is a number"),
         Err(_) => DEFAULT_TICKS,
     };
+    let first: u64 = match std::env::var("SERVO_RANDOM_SEED") {
+        Ok(seed) => seed.parse().expect("SERVO_RANDOM_SEED is a whole number"),
+        Err(_) => 0,
+    };
     let mut ticks_on = 0;
     let sequences = ticks.div_ceil(TICKS_PER_SEQUENCE);
-    for seed in 0..sequences {
-        if seed.is_multiple_of(2_500) {
-            eprintln!("sequence {seed} of {sequences}");
+    for seed in first..first + sequences {
+        if (seed - first).is_multiple_of(2_500) {
+            eprintln!("sequence {} of {sequences}", seed - first);
         }
         match std::panic::catch_unwind(|| sequence(seed)) {
             Ok(on) => ticks_on += on,

@@ -1,14 +1,14 @@
 //! What a frequency response says: margins, a second-order closed loop, mass and resonances.
 
 pub use num_complex::Complex64;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::error::{DataError, within};
 use crate::filter::median;
 use crate::linear::Normal;
 
 /// One frequency of a response.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Point {
     /// Frequency, Hz, above 0.
     pub frequency_hz: f64,
@@ -17,11 +17,12 @@ pub struct Point {
 }
 
 /// How far a loop is from instability.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Margins {
     /// Highest frequency at which the loop transmission falls through 1, Hz.
     pub crossover_hz: f64,
-    /// Phase there, above −180°, degrees.
+    /// How far the phase there is from ±180°, degrees: −90 to 180. Up to 90° a phase is lead, as that of a stage held by its friction;
+    /// beyond, it is counted as lag that has passed −180°.
     pub phase_margin_deg: f64,
     /// Least distance to 0 dB where the phase falls through −180° above the crossover, dB; nothing if it does not in the measured range.
     pub gain_margin_db: Option<f64>,
@@ -50,9 +51,9 @@ pub fn margins(loop_transmission: &[Point]) -> Result<Margins, DataError> {
     })?;
     let share = log_gain[i] / (log_gain[i] - log_gain[j]);
     let crossover_hz = libm::exp(between(i, j, share, &log_hz));
-    // Counted from the sheet in which the phase margin is within half a turn.
+    // Counted from the sheet in which the phase is −270° to 90°.
     let at_crossover_deg = between(i, j, share, &|k| phase_deg[k]);
-    let sheet_deg = 360.0 * libm::floor((at_crossover_deg + 360.0) / 360.0);
+    let sheet_deg = 360.0 * libm::floor((at_crossover_deg + 270.0) / 360.0);
     let phase_deg: Vec<f64> = phase_deg.iter().map(|deg| deg - sheet_deg).collect();
     let margin_db = pairs().skip(i).filter(|(i, j)| phase_deg[*i] > -180.0 && phase_deg[*j] <= -180.0).map(|(i, j)| {
         let share = (phase_deg[i] + 180.0) / (phase_deg[i] - phase_deg[j]);
@@ -62,7 +63,7 @@ pub fn margins(loop_transmission: &[Point]) -> Result<Margins, DataError> {
     let peak = loop_transmission.iter().max_by(|a, b| sensitivity(a).total_cmp(&sensitivity(b)));
     Ok(Margins {
         crossover_hz,
-        phase_margin_deg: at_crossover_deg - sheet_deg + 180.0,
+        phase_margin_deg: 180.0 - (at_crossover_deg - sheet_deg).abs(),
         gain_margin_db: margin_db.filter(|db| *db > 0.0).min_by(f64::total_cmp),
         sensitivity_peak: peak.map_or(0.0, sensitivity),
         sensitivity_peak_hz: peak.map_or(0.0, |p| p.frequency_hz),
@@ -176,7 +177,7 @@ pub fn mass_kg(plant: &[Point], band_hz: [f64; 2]) -> Result<f64, DataError> {
 }
 
 /// A peak of a plant's response above its mass.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Resonance {
     /// Frequency, Hz.
     pub frequency_hz: f64,

@@ -7,6 +7,7 @@
 //! | a record | [`maxwell`]: parallel elements; [`choice`]: whether they are needed | App. A |
 //! | a loop transmission | [`frf`]: margins, second-order closed loop | 5.1, 5.2 |
 //! | a plant's response | [`frf`]: mass, resonances | 5.1 |
+//! | a plant's response and friction | [`tuning`]: gains, margins, parameters of NIASA | 8.1 |
 //! | a step response | [`length_scale`]: where friction begins to rule | 5.3 |
 //! | a long move | [`move_check`]: mass, viscous and Coulomb friction, force constant | 4.1 |
 //!
@@ -25,6 +26,7 @@ mod linear;
 pub mod maxwell;
 pub mod move_check;
 pub mod record;
+pub mod tuning;
 
 pub use error::DataError;
 pub use record::Record;

@@ -1,6 +1,6 @@
 //! Parallel springs that slide, found without a start value.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::error::DataError;
 use crate::linear::Normal;
@@ -22,7 +22,7 @@ pub const USUAL_ELEMENTS: usize = 8;
 pub const MAX_ELEMENTS: usize = 12;
 
 /// A spring that slides at a certain force.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Element {
     /// Stiffness k_i, N/m.
     pub stiffness_n_per_m: f64,
@@ -222,6 +222,21 @@ fn stretch(position_m: &[f64], length_m: f64) -> Vec<f64> {
             z
         })
         .collect()
+}
+
+/// Force of elements along the loop that a motion between ±`half_span_m` closes, N: at `points` positions at equal distances on the way up,
+/// then as many on the way down. Elements that do not slide on it are springs that are relaxed in the middle.
+pub fn steady_loop_n(elements: &[Element], half_span_m: f64, points: usize) -> Vec<f64> {
+    let up = (1..=points).map(|i| half_span_m * (2.0 * i as f64 / points as f64 - 1.0));
+    let down = (1..=points).map(|i| half_span_m * (1.0 - 2.0 * i as f64 / points as f64));
+    // From the middle to one end and to the other: from there on the loop is closed.
+    let position_m: Vec<f64> = [0.0, half_span_m, -half_span_m].into_iter().chain(up).chain(down).collect();
+    let mut force_n = vec![0.0; 2 * points];
+    for element in elements {
+        let stretch_m = stretch(&position_m, element.saturation_n / element.stiffness_n_per_m);
+        force_n.iter_mut().zip(&stretch_m[3..]).for_each(|(f, z)| *f += element.stiffness_n_per_m * z);
+    }
+    force_n
 }
 
 /// Elements of a grid, those without a gap between them as one.

@@ -37,6 +37,21 @@ fn margins_of_a_mass_with_pd_and_delay() {
     assert!((margins.sensitivity_peak / peak - 1.0).abs() < 0.01, "{margins:?} {peak}");
 }
 
+/// A stage that its friction holds like a spring: near its resonance the gain reaches 1, far from −180° on the side of lead.
+#[test]
+fn lead_at_the_crossover_is_no_lag_of_almost_a_turn() {
+    let point = |frequency_hz: f64, gain: f64, phase_deg: f64| Point {
+        frequency_hz,
+        value: Complex64::from_polar(gain, phase_deg.to_radians()),
+    };
+    for (phase_deg, margin_deg) in [(32.0, 148.0), (-110.0, 70.0), (80.0, 100.0), (-190.0, -10.0), (150.0, -30.0)] {
+        let loop_transmission =
+            [point(200.0, 1.3, phase_deg), point(300.0, 1.0, phase_deg), point(400.0, 0.7, phase_deg)];
+        let margins = frf::margins(&loop_transmission).unwrap();
+        assert!((margins.phase_margin_deg - margin_deg).abs() < 1e-6, "{phase_deg}°: {margins:?}");
+    }
+}
+
 #[test]
 fn a_loop_that_never_crosses_has_no_margins() {
     let quiet = response(|s| 1e-5 * loop_transmission(s));

@@ -53,6 +53,29 @@ fn loops_are_within_a_hundredth_of_the_force_with_noise_and_few_elements() {
     }
 }
 
+/// The loop that the simulated contact closes, on a motion that lets most of the elements slide and some not.
+#[test]
+fn a_steady_loop_is_that_of_the_simulated_contact() {
+    const POINTS: usize = 50;
+    let mut contact = MaxwellSlip::new(12, 8.66e6, 0.64);
+    let list: Vec<maxwell::Element> = contact
+        .elements()
+        .map(|e| maxwell::Element { stiffness_n_per_m: e.stiffness_n_per_m, saturation_n: e.saturation_n })
+        .collect();
+    for half_span_m in [20e-9, 100e-9, 2e-6] {
+        contact = MaxwellSlip::new(12, 8.66e6, 0.64);
+        contact.advance(half_span_m);
+        contact.advance(-2.0 * half_span_m);
+        let steps = [1.0, -1.0].into_iter().flat_map(|sign| std::iter::repeat_n(sign, POINTS));
+        let expected: Vec<f64> = steps.map(|sign| contact.advance(sign * 2.0 * half_span_m / POINTS as f64)).collect();
+        let found = maxwell::steady_loop_n(&list, half_span_m, POINTS);
+        assert_eq!(found.len(), expected.len());
+        for (found_n, expected_n) in found.iter().zip(&expected) {
+            assert!((found_n - expected_n).abs() < 1e-12, "{half_span_m} m: {found_n} N, {expected_n} N");
+        }
+    }
+}
+
 #[test]
 fn few_elements_far_apart_are_found_one_by_one() {
     let list = [

@@ -65,7 +65,9 @@ endpoints! {
     19 Command Restart -> Done, "Start the firmware anew.";
     20 Command Stream -> Done, "Stream words of every n-th tick's record: `Block`s with this request's number follow.";
     21 Query ReadBlackBox -> BlackBox, "A block of the black box.";
-    22 Command Align -> Done, "Look for the motor's electrical zero; the bridge is off when it has ended.";
+    22 Command Excite -> Done, "Play an excitation, in place of one under way.";
+    23 Query Excitation -> Excitation, "What the last excitation has found.";
+    24 Command Align -> Done, "Look for the motor's electrical zero; the bridge is off when it has ended.";
 }
 
 /// The name of a reply, as the table has it.
@@ -82,6 +84,7 @@ pub fn name(reply: &Reply) -> &'static str {
         Reply::ParameterStore(_) => "ParameterStore",
         Reply::Block(_) => "Block",
         Reply::BlackBox { .. } => "BlackBox",
+        Reply::Excitation { .. } => "Excitation",
     }
 }
 

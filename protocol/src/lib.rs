@@ -9,6 +9,5 @@ pub mod black_box;
 pub mod endpoint;
 pub mod frame;
 pub mod message;
-pub mod program;
 pub mod server;
 pub mod stream;

@@ -1,7 +1,7 @@
 //! Requests and replies.
 //!
-//! The order of the variants is the wire format: [`Request::Identity`] and [`Reply::Identity`] never change, and any other change
-//! raises [`PROTOCOL`]. [`crate::endpoint::ENDPOINTS`] says of every request what answers it and whether it may be repeated.
+//! The order of the variants is the wire format: [`Request::Identity`] and [`Reply::Identity`] never change, a request that is new at the
+//! end disturbs nobody, and any other change raises [`PROTOCOL`]. [`crate::endpoint::ENDPOINTS`] says of every request what answers it and whether it may be repeated.
 
 use heapless::{String, Vec};
 use serde::{Deserialize, Serialize};
@@ -11,7 +11,9 @@ use servo_core::config::Compensator;
 use servo_core::drive::Counters;
 use servo_core::fault::Fault;
 use servo_core::image::Invalid;
+use servo_core::measure::{self, Reading};
 use servo_core::profile::Limits;
+use servo_core::record::{TickRecord, flags};
 use servo_core::refusal::Refusal;
 use servo_core::settling::Settling;
 use servo_core::state::State;
@@ -94,6 +96,10 @@ pub enum Request {
         /// Index of the first word.
         first: u32,
     },
+    /// Play an excitation, in place of one under way; [`Request::Excitation`] tells how it goes on.
+    Excite(measure::Request),
+    /// What the excitation under way, or the last one, has found: [`Reply::Excitation`].
+    Excitation,
     /// Look for the motor's electrical zero; the bridge is off when it has ended. What is found becomes a parameter, what fails a fault.
     Align,
 }
@@ -141,6 +147,13 @@ pub enum Reply {
         /// The words.
         words: Vec<u32, BLOCK_WORDS>,
     },
+    /// To [`Request::Excitation`].
+    Excitation {
+        /// The reading is of this servo tick: one before the order's is that of an earlier excitation.
+        tick: u32,
+        /// What has been found.
+        reading: Reading,
+    },
 }
 
 /// Who the drive is. Frozen: every protocol has this message in this form.
@@ -150,7 +163,7 @@ pub struct Identity {
     pub protocol: u16,
     /// Firmware version: major, minor, patch.
     pub firmware: [u16; 3],
-    /// Fingerprint of the program in flash, see [`crate::program`]: tells which ELF the log is to be decoded with.
+    /// Fingerprint of the program in flash, see [`servo_core::fingerprint`]: tells which ELF the log is to be decoded with.
     pub program: u64,
     /// Name of the board.
     pub board: String<32>,
@@ -217,4 +230,25 @@ pub struct Status {
     pub lost_records: u32,
     /// Blocks of streams that found the line busy.
     pub lost_blocks: u32,
+}
+
+impl Status {
+    /// Of the tick of `record`, with what the drive counts besides; nothing lost on the way, which is the caller's to add.
+    pub fn of(record: &TickRecord, counters: Counters, capture: Progress) -> Self {
+        Status {
+            tick: record.sequence,
+            state: record.state,
+            fault: record.fault,
+            moving: record.flags & flags::MOVING != 0,
+            position_ct: record.position.0,
+            error_ct: record.error_ct,
+            force_n: record.force_n,
+            bus_v: record.bus_v,
+            counters,
+            capture,
+            bad_requests: 0,
+            lost_records: 0,
+            lost_blocks: 0,
+        }
+    }
 }

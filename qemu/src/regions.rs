@@ -30,19 +30,35 @@ pub enum Class {
     Maxwell,
     /// A command was answered.
     Command,
-    /// The bridge was turned on or off, or the frame was bad.
+    /// The bridge was turned on or off, the frame was bad or one shortly before was, or the drive brakes.
     Event,
     /// Bridge off before and after.
     Off,
 }
 
+/// What there was before a tick.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Before {
+    /// The bridge is on.
+    on: bool,
+    /// See [`Drive::is_steady`].
+    steady: bool,
+}
+
+impl Before {
+    /// Before the next tick of `drive`.
+    pub fn of(drive: &Drive) -> Before {
+        Before { on: drive.state().has_torque(), steady: drive.is_steady() }
+    }
+}
+
 impl Class {
-    /// The class of a tick from what it gave; `was_on` and `is_on` are the bridge before and after, `config` is in use.
-    pub fn of(config: &Config, was_on: bool, record: &TickRecord, outcome: Option<Outcome>, is_on: bool) -> Class {
-        match (was_on, is_on) {
+    /// The class of a tick from the drive before it, what it gave, and the bridge after it.
+    pub fn of(before: Before, config: &Config, record: &TickRecord, outcome: Option<Outcome>, is_on: bool) -> Class {
+        match (before.on, is_on) {
             _ if outcome.is_some() => Class::Command,
             (false, false) => Class::Off,
-            (true, true) if record.flags & flags::FRAME_BAD == 0 => match config.compensator.kind {
+            (true, true) if before.steady && record.flags & flags::FRAME_BAD == 0 => match config.compensator.kind {
                 Compensator::NiasaMaxwell => Class::Maxwell,
                 _ => Class::On,
             },

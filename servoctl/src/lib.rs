@@ -9,12 +9,14 @@
 //! - [`theory`]: chapter 7 of the thesis as functions: settling without and with mass
 //! - [`csv`]: measured columns from a file
 //! - [`thesis`]: the thesis beside the simulation: every number, figure and table, with a verdict
+//! - [`commission`]: from an unknown stage to a tuned axis, step by step
 //! - [`scope`]: the live scope page
 //! - [`link`]: a drive at the other end of a line
 //! - [`scope`]: the page that shows a drive live
 //! - [`cli`]: the command line, a module per sub-command
 
 pub mod cli;
+pub mod commission;
 pub mod csv;
 pub mod demo_report;
 pub mod link;

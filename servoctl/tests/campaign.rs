@@ -46,6 +46,21 @@ fn threads_and_parts_do_not_show_in_the_result() {
 }
 
 #[test]
+fn each_of_several_comparisons_says_in_json_what_it_is_a_part_of() {
+    let plan = Request { moves: 1, mass_errors_percent: vec![-1.0, 1.0], ..plan().request }.plan().unwrap();
+    let passes = plan.campaign.run(Shard::ALL, Watch::NOBODY).unwrap();
+    let whole = serde_json::to_value(Outcome::new(&plan, &passes)).unwrap();
+    let runs = whole["runs"].as_array().unwrap();
+    assert_eq!(runs.len(), 2);
+    for run in runs {
+        for key in ["experiment", "thesis_section", "origin", "seed", "moves_requested", "complete"] {
+            assert!(!run[key].is_null() && run[key] == whole[key], "{key}");
+        }
+        assert!(run["configs"].is_array() && run["reduction_percent"].is_array() && run["plant"].is_object());
+    }
+}
+
+#[test]
 fn parts_that_do_not_make_a_whole_are_refused() {
     let plan = plan();
     let parts = [part(&plan, 1, 2), part(&plan, 2, 2)];

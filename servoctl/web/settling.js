@@ -84,7 +84,7 @@ function statistics({ tolerances_nm, configs, reduction_percent }) {
 
 function single(tolerances_nm, last) {
   const shown = [0, 2, tolerances_nm.length - 1];
-  const head = ["move", "by", "with", ...shown.map((t) => `±${tolerances_nm[t]}, ms`), "past", "rms", "p-p, nm"];
+  const head = ["move", "by", "with", ...shown.map((t) => `±${tolerances_nm[t]}, ms`), "past, nm", "rms, nm", "p-p, nm"];
   const body = last
     .slice(-SHOWN)
     .reverse()

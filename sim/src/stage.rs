@@ -223,9 +223,14 @@ impl Misfit {
 
 fn format_error(text: &str, error: &toml::de::Error) -> StageError {
     let at = error.span().map_or(0, |span| span.start);
-    let key =
-        DeTable::parse(text).ok().and_then(|table| key_at(table.get_ref(), at)).map_or(String::new(), |key| key + ": ");
-    StageError::Format { line: line_of(text, at), message: format!("{key}{}", error.message().trim_end()) }
+    let found = DeTable::parse(text).ok().and_then(|table| written_at(table.get_ref(), at));
+    let place = found.map_or(String::new(), |(key, value)| {
+        // Of a wrong value the message says what it is; of a wrong name it says only the name.
+        let unknown = value.start > at;
+        let value = text.get(value).filter(|value| unknown && !value.contains('\n'));
+        value.map_or(format!("{key}: "), |value| format!("{key} = {value}: "))
+    });
+    StageError::Format { line: line_of(text, at), message: format!("{place}{}", error.message().trim_end()) }
 }
 
 /// Line number, from 1, of a byte of the text.
@@ -233,28 +238,36 @@ fn line_of(text: &str, byte: usize) -> usize {
     1 + text.bytes().take(byte).filter(|b| *b == b'\n').count()
 }
 
-/// Where the value of a full key is written; an empty range at the start if it is not.
+/// Where the value of a full key, such as `motor.inductance_h` or `friction.element_saturation_n[2]`, is written; an empty range at
+/// the start if it is not.
 fn span_of(text: &str, key: &str) -> Range<usize> {
     let Ok(table) = DeTable::parse(text) else { return 0..0 };
     let (mut table, mut span) = (table.get_ref(), 0..0);
     for part in key.split('.') {
+        let (part, index) = part.split_once('[').unwrap_or((part, ""));
         let Some(value) = table.get(part) else { return 0..0 };
         span = value.span();
         match value.get_ref() {
             DeValue::Table(inner) => table = inner,
+            DeValue::Array(list) => {
+                let index: Option<usize> = index.trim_end_matches(']').parse().ok();
+                return index.and_then(|index| list.get(index)).map_or(span, |element| element.span());
+            }
             _ => break,
         }
     }
     span
 }
 
-/// The full key whose value, or whose name, is written at a byte of the text.
-fn key_at(table: &DeTable<'_>, byte: usize) -> Option<String> {
+/// The full key whose value, or whose name, is written at a byte of the text, and where its value is.
+fn written_at(table: &DeTable<'_>, byte: usize) -> Option<(String, Range<usize>)> {
     table.iter().find_map(|(key, value)| {
         let name = key.get_ref();
         match value.get_ref() {
-            DeValue::Table(inner) => key_at(inner, byte).map(|rest| format!("{name}.{rest}")),
-            _ => (value.span().contains(&byte)).then(|| name.to_string()),
+            DeValue::Table(inner) if !key.span().contains(&byte) => {
+                written_at(inner, byte).map(|(rest, value)| (format!("{name}.{rest}"), value))
+            }
+            _ => (key.span().contains(&byte) || value.span().contains(&byte)).then(|| (name.to_string(), value.span())),
         }
     })
 }

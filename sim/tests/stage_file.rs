@@ -152,8 +152,9 @@ fn what_does_not_fit_the_format_is_refused_with_its_line() {
             "model = \"ligre\"",
             "friction.model: unknown variant `ligre`, expected one of `maxwell-slip`, `dahl`, `gms`, `lugre`, `stribeck`, `coulomb`",
         ),
-        ("resistance", "resistance = 3.0", "unknown field `resistance`, expected one of"),
-        ("coulomb_std", "coulomb_sd_n = 0.18", "unknown field `coulomb_sd_n`"),
+        ("resistance", "resistance = 3.0", "motor.resistance = 3.0: unknown field `resistance`, expected one of"),
+        ("coulomb_std", "coulomb_sd_n = 0.18", "friction.spread.coulomb_sd_n = 0.18: unknown field `coulomb_sd_n`"),
+        ("[motor]", "[moto]", "moto: unknown field `moto`, expected one of `mechanics`"),
         ("bus_v", "bus_v = 48 V", "string values must be quoted"),
         ("dead_time_s", "pwm_hz = 1e4", "duplicate key"),
     ] {
@@ -284,7 +285,8 @@ fn a_friction_table_that_does_not_fit_its_model_is_refused_with_its_line() {
             "friction.stiffness_n_per_m: no parameter of model \"coulomb\", which has `coulomb_n`",
         ),
         (format!("{dahl}\nstatic_n = 0.9"), 4, "friction.static_n: no parameter of model \"dahl\""),
-        (format!("{dahl}\nwobble = 1"), 4, "unknown field `wobble`"),
+        (format!("{dahl}\nwobble = 1"), 4, "friction.wobble = 1: unknown field `wobble`"),
+        (format!("{dahl}\nelements = 12"), 4, "friction.elements: no parameter of model \"dahl\""),
         (
             "model = 'stribeck'\ncoulomb_n = 0.6".to_string(),
             0,
@@ -309,11 +311,11 @@ fn a_friction_table_that_does_not_fit_its_model_is_refused_with_its_line() {
         (lists("[1e6, 2e6]", "[0.1]"), 3, "friction.element_saturation_n: 1 values for 2 stiffnesses"),
         (lists("[]", "[]"), 2, "friction.element_stiffness_n_per_m: 0 values are outside 1 to 12"),
         (
-            lists("[1e6, -2e6]", "[0.1, 0.2]"),
-            2,
-            "friction.element_stiffness_n_per_m: -2000000.0 is outside 1e-6 to 1000000000.0",
+            lists("[1e6,\n -2e6]", "[0.1, 0.2]"),
+            3,
+            "friction.element_stiffness_n_per_m[1]: -2000000.0 is outside 1e-6 to 1000000000.0",
         ),
-        (lists("[1e6]", "[nan]"), 3, "friction.element_saturation_n: NaN is outside 1e-6 to 10000.0"),
+        (lists("[1e6]", "[nan]"), 3, "friction.element_saturation_n[0]: NaN is outside 1e-6 to 10000.0"),
         (lists("[9e8]", "[0.1]"), 0, "friction.stiffness_n_per_m = 450000000 is outside 1.0 to 230400000.0"),
         (
             "model = 'gms'\npreset = 'table-4'\nshape = 2\nattraction_n_per_s = 1".to_string(),

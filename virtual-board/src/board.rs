@@ -11,6 +11,7 @@ use rigless::mcu::{Mcu, Operate};
 use rigless::snapshot::store;
 use rigless::soc;
 use rigless::soc::stm32h743::Stm32h743;
+use rigless::soc::stm32h743::generated::iwdg::Register as Iwdg;
 use rigless::soc::stm32h743::generated::tim1::Register as Tim1;
 use rigless::soc::stm32h743::peripherals::adc::Channel;
 use rigless::soc::stm32h743::peripherals::rcc::TimerBus;
@@ -20,6 +21,7 @@ use rigless::time::VirtualNanos;
 use crate::encoder::BissEncoder;
 use crate::pwm::PwmRegisters;
 use crate::serial::SerialLine;
+use crate::watchdog::Reload;
 
 /// Core clock that the firmware sets, DS12110 rev 11 table 2 at voltage scale 1.
 const CORE_HZ: NonZeroU64 = NonZeroU64::new(400_000_000).expect("not zero");
@@ -152,6 +154,19 @@ impl Nucleo {
             ccr: [get(Tim1::Ccr1), get(Tim1::Ccr2), get(Tim1::Ccr3)],
             bdtr: get(Tim1::Bdtr),
         }
+    }
+
+    /// What the independent watchdog is set to.
+    pub fn watchdog_reload(&self) -> Reload {
+        let get = |register| self.mcu.bus().registers("IWDG").map_or(0, |registers| registers.get(register));
+        Reload { prescaler: get(Iwdg::Pr), value: get(Iwdg::Rlr) }
+    }
+
+    /// The independent watchdog resets the microcontroller, when the run goes on from the stop at `at`.
+    pub fn reset_by_watchdog(&mut self, at: VirtualNanos) {
+        let Ok(slot) = self.mcu.bus().slot("IWDG") else { return };
+        let (_, mut context) = self.mcu.bus_mut().drive(at, slot);
+        context.request_reset();
     }
 
     /// Clock of TIM1 in hertz.

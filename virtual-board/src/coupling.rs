@@ -17,6 +17,7 @@ use rigless::time::VirtualNanos;
 use servo_sim::{BridgeState, Plant, adc};
 
 use crate::board::{Analog, Nucleo};
+use crate::watchdog::Watchdog;
 
 const TIM1: u64 = 0x4001_0000;
 const TIM1_SR: u64 = TIM1 + 0x10;
@@ -29,7 +30,6 @@ const ADC2_CR: u64 = 0x4002_2108;
 const ADC3_CR: u64 = 0x5802_6008;
 const ADC_ADSTART: u64 = 1 << 2;
 const IWDG_KR: u64 = 0x5800_4800;
-const IWDG_FEED: u64 = 0xAAAA;
 
 /// ADC1 and ADC2 are started by two instructions; starts closer than this belong to one pair and share one sample.
 const SAME_SAMPLE_NS: u64 = 1_000;
@@ -105,7 +105,7 @@ pub struct Counts {
     pub plant_steps: u64,
     /// PWM periods that began.
     pub updates: u64,
-    /// Times the watchdog was fed. It is not modelled: it would restart the part 50 ms after the last one.
+    /// Times the watchdog was fed.
     pub feeds: u64,
     /// Update to compares, in periods that also ran the servo tick.
     pub servo_tick: Latency,
@@ -123,6 +123,7 @@ pub struct Coupling {
     update_ns: u64,
     /// The update event that began the servo tick under way.
     servo_since_ns: Option<u64>,
+    watchdog: Watchdog,
     phases_ns: Option<u64>,
     codes: [u16; 4],
     faults: [Option<AdcFault>; 4],
@@ -141,6 +142,7 @@ impl Coupling {
             update_flag: false,
             update_ns: 0,
             servo_since_ns: None,
+            watchdog: Watchdog::default(),
             phases_ns: None,
             codes: [0; 4],
             faults: [None; 4],
@@ -201,7 +203,7 @@ impl Coupling {
             ADC1_CR | ADC2_CR if value & ADC_ADSTART != 0 => self.sample_phases(board, now_ns),
             ADC3_CR if value & ADC_ADSTART != 0 => self.sample_slow_signals(board, now_ns),
             SPI1_TXDR if board.encoder().at_rest(now_ns) => self.latch_encoder(board, now_ns),
-            IWDG_KR if value & 0xFFFF == IWDG_FEED => self.counts.feeds += 1,
+            IWDG_KR => self.counts.feeds += u64::from(self.watchdog.on_key(value, board.watchdog_reload(), now_ns)),
             TIM1_CCR3 => {
                 self.measure_latency(now_ns);
                 self.note_update(board, now_ns);
@@ -228,9 +230,18 @@ impl Coupling {
         }
     }
 
+    /// Lets the watchdog reset the microcontroller if its counter has run out. Events of TIM1 stop the emulator often enough.
+    pub fn watch(&mut self, board: &mut Nucleo, at: VirtualNanos) {
+        if self.watchdog.has_expired(at.0) {
+            self.watchdog.reset();
+            board.reset_by_watchdog(at);
+        }
+    }
+
     /// The microcontroller has been reset: its outputs are off, the world around it is as it was.
     pub fn after_reset(&mut self, board: &mut Nucleo, at: VirtualNanos) {
         board.after_reset(at);
+        self.watchdog.reset();
         self.update_flag = false;
         self.servo_since_ns = None;
         self.switch_bridge(board, at.0);

@@ -4,6 +4,8 @@
 use rigless::chip::{Timeline, spi};
 use rigless::snapshot::store;
 use serde::{Deserialize, Serialize};
+use servo_core::encoder::biss;
+use servo_sim::encoder;
 
 /// A BiSS slave takes a clock pause of this length for the end of a frame and latches a new position at the next edge; with less
 /// rest it goes on with the frame under way.
@@ -11,6 +13,9 @@ const TIMEOUT_NS: u64 = 12_500;
 
 /// What an undriven RS-485 pair with its bias resistors reads as: every bit one.
 const IDLE_LINE: u64 = u64::MAX;
+
+/// Clock periods in which a frame made anew acknowledges before its start bit.
+const ACKNOWLEDGE_BITS: u32 = 2;
 
 /// A fault of the encoder or its line, applied to whole frames of 64 line bits (first bit in bit 63).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -30,6 +35,13 @@ pub enum EncoderFault {
     Shifted {
         /// Delay in bits; 64 and more leave nothing of the frame.
         bits: u32,
+    },
+    /// The encoder marks its position as wrong, in a frame that is right.
+    Marked,
+    /// The encoder reads elsewhere, in a frame that is right.
+    Displaced {
+        /// How much further on, counts.
+        counts: i32,
     },
 }
 
@@ -156,8 +168,17 @@ impl EncoderFault {
                 let idle = !IDLE_LINE.checked_shr(bits).unwrap_or(0);
                 late | idle
             }
+            Self::Marked => sent_anew(frame, 0, true),
+            Self::Displaced { counts } => sent_anew(frame, counts, false),
         }
     }
+}
+
+/// The frame of an encoder `further_ct` further on, with or without its error bit; what is no frame stays.
+fn sent_anew(frame: u64, further_ct: i32, error: bool) -> u64 {
+    biss::decode(frame).map_or(frame, |reading| {
+        encoder::frame(reading.counts.wrapping_add_signed(further_ct), error, reading.warning, ACKNOWLEDGE_BITS)
+    })
 }
 
 impl spi::Peer for BissEncoder {
@@ -222,6 +243,14 @@ mod tests {
             encoder.latch(FRAME, 0);
             assert_eq!(words(&mut encoder), line, "{fault:?}");
         }
+    }
+
+    #[test]
+    fn an_encoder_that_errs_sends_frames_that_are_right() {
+        let healthy = encoder::frame(1_000, false, true, ACKNOWLEDGE_BITS);
+        let read = |fault: EncoderFault| biss::decode(fault.apply(healthy, 0)).map(|r| (r.counts, r.error, r.warning));
+        assert_eq!(read(EncoderFault::Marked), Ok((1_000, true, true)));
+        assert_eq!(read(EncoderFault::Displaced { counts: -1_001 }), Ok((u32::MAX, false, true)));
     }
 
     #[test]

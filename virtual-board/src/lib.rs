@@ -11,7 +11,7 @@
 //! same calls are the same run to the bit. [`VirtualBoard::snapshot`] keeps a state to start many tests from.
 //!
 //! What is *not* modelled: wait states, caches and bus contention (every instruction takes the same time, so this is no
-//! worst-case-execution-time tool), analogue settling within a conversion, the watchdog.
+//! worst-case-execution-time tool), analogue settling within a conversion.
 
 mod board;
 pub mod coupling;
@@ -28,6 +28,7 @@ pub mod serve;
 pub mod session;
 mod told;
 mod virtual_board;
+mod watchdog;
 
 pub use board::Analog;
 pub use coupling::{AdcFault, Counts, Latency, TruthSample};

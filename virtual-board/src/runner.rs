@@ -228,6 +228,7 @@ impl Driver<Nucleo> for LockStep {
         if now_ns >= self.target_ns {
             self.serve(session, host, stop)?;
         }
+        self.coupling.watch(session.board_mut(), stop.at);
         Some(self.next_stop())
     }
 }

@@ -51,6 +51,14 @@ pub fn serve(board: &mut VirtualBoard, listener: &TcpListener, service: &Service
                 return Ok(());
             }
             if let Some(new) = arrived(listener)? {
+                // The one before may have gone since it was last looked at: its end comes behind what it sent.
+                for _ in 0..2 {
+                    if let Some(stream) = &mut client
+                        && exchange(board, stream)?.is_none()
+                    {
+                        client = None;
+                    }
+                }
                 // Another one is dropped, which closes its connection.
                 if client.is_none() {
                     client = Some(new);

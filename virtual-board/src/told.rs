@@ -80,19 +80,19 @@ const EXPLAINED: &[Explained] = &[
         kind: ToldKind::Unimplemented,
         place: "IWDG KR",
         contains: "0 reads",
-        why: "the emulator only stores the watchdog's registers; the tests count how often it is fed",
+        why: "the emulator only stores the watchdog's registers; the board's own model (watchdog.rs) counts",
     },
     Explained {
         kind: ToldKind::Unimplemented,
         place: "IWDG PR",
         contains: "0 reads",
-        why: "the emulator only stores the watchdog's registers; the tests count how often it is fed",
+        why: "the emulator only stores the watchdog's registers; the board's own model (watchdog.rs) counts",
     },
     Explained {
         kind: ToldKind::Unimplemented,
         place: "IWDG RLR",
         contains: "0 reads",
-        why: "the emulator only stores the watchdog's registers; the tests count how often it is fed",
+        why: "the emulator only stores the watchdog's registers; the board's own model (watchdog.rs) counts",
     },
 ];
 

@@ -2,14 +2,13 @@
 
 mod common;
 
-use std::cell::Cell;
 use std::time::Duration;
 
 use common::{enabled, five_mm, status};
 use servo_core::black_box::{AFTER_TICKS, BEFORE_TICKS};
 use servo_core::compensator::Compensator;
 use servo_core::fault::Fault;
-use servo_protocol::black_box::{BlackBox, WORDS};
+use servo_protocol::black_box::BlackBox;
 use servo_protocol::message::{Reply, Request};
 use servo_virtual_board::{EncoderFault, Lasting, Link, VirtualBoard};
 
@@ -30,21 +29,6 @@ fn moving() -> (VirtualBoard, Link) {
     (board, link)
 }
 
-/// The whole memory over the link.
-fn read(board: &mut VirtualBoard, link: &mut Link) -> Vec<Cell<u32>> {
-    let mut all = Vec::new();
-    while all.len() < WORDS {
-        let first = all.len() as u32;
-        match link.request(board, &Request::ReadBlackBox { first }).unwrap() {
-            Reply::BlackBox { first: told, words } if told == first && !words.is_empty() => {
-                all.extend(words.into_iter().map(Cell::new));
-            }
-            other => panic!("{other:?}"),
-        }
-    }
-    all
-}
-
 #[test]
 fn the_ticks_around_a_fault_are_those_that_this_computer_computes() {
     let (mut board, mut link) = moving();
@@ -52,7 +36,7 @@ fn the_ticks_around_a_fault_are_those_that_this_computer_computes() {
     board.run_for(Duration::from_millis(40)).unwrap();
     assert_eq!(status(&mut board, &mut link).fault, Some(Fault::EncoderLost));
 
-    let words = read(&mut board, &mut link);
+    let words = common::black_box(&mut board, &mut link);
     let black_box = BlackBox(&words[..]);
     assert!(black_box.is_intact());
     let before = black_box.entries().take_while(|entry| entry.fault_number() == 0).count() as u32;
@@ -80,7 +64,7 @@ fn a_processor_fault_in_mid_move_leaves_its_last_ticks_to_the_next_run() {
     board.run_for(common::BOOT).unwrap();
     assert_eq!(status(&mut board, &mut link).fault, Some(Fault::Panic));
 
-    let words = read(&mut board, &mut link);
+    let words = common::black_box(&mut board, &mut link);
     let black_box = BlackBox(&words[..]);
     assert!(black_box.is_intact());
     let newest = black_box.entries().last().unwrap();

@@ -8,6 +8,7 @@ use std::time::Duration;
 use common::{enabled, five_mm, status};
 use servo_core::fault::Fault;
 use servo_core::state::State;
+use servo_protocol::black_box::BlackBox;
 use servo_protocol::message::{Reply, Request};
 use servo_virtual_board::{AdcFault, Analog, Config, EncoderFault, Lasting, Link, VirtualBoard};
 
@@ -48,16 +49,17 @@ fn assert_latched(board: &mut VirtualBoard, link: &mut Link, fault: Fault) {
 }
 
 /// What breaks a frame, and what the third one in a row is called.
-const LINE_FAULTS: [(EncoderFault, Fault); 4] = [
+const FRAME_FAULTS: [(EncoderFault, Fault); 5] = [
     (EncoderFault::Corrupted { mask: 1 << 35 }, Fault::EncoderChecksum),
     (EncoderFault::Missing, Fault::EncoderLost),
     (EncoderFault::Shorted, Fault::EncoderLost),
     (EncoderFault::Shifted { bits: 20 }, Fault::EncoderLost),
+    (EncoderFault::Marked, Fault::EncoderErrorBit),
 ];
 
 #[test]
 fn the_third_unusable_frame_in_a_row_turns_the_bridge_off() {
-    for (fault, name) in LINE_FAULTS {
+    for (fault, name) in FRAME_FAULTS {
         let (mut board, mut link) = moving();
         board.inject_encoder_fault(fault, Lasting::Forever).unwrap();
         let off_ns = time_to_off_ns(&mut board, 5 * SERVO_PERIOD_NS);
@@ -69,7 +71,7 @@ fn the_third_unusable_frame_in_a_row_turns_the_bridge_off() {
 
 #[test]
 fn two_unusable_frames_are_counted_and_survived() {
-    for (fault, _) in LINE_FAULTS {
+    for (fault, _) in FRAME_FAULTS {
         let (mut board, mut link) = moving();
         board.inject_encoder_fault(fault, Lasting::Frames(2)).unwrap();
         board.run_for(Duration::from_millis(100)).unwrap();
@@ -98,6 +100,18 @@ fn an_encoder_that_repeats_itself_is_frozen_within_three_frames() {
     assert!(time_to_off_ns(&mut board, 4 * SERVO_PERIOD_NS).is_some());
     assert!(board.encoder_frames().unwrap().1 <= 3);
     assert_latched(&mut board, &mut link, Fault::EncoderFrozen);
+}
+
+#[test]
+fn an_encoder_that_jumps_turns_the_bridge_off_in_the_tick_of_the_first_such_frame() {
+    // By 2 µm, and to somewhere else.
+    for counts in [32_768, -32_768, i32::MAX] {
+        let (mut board, mut link) = moving();
+        board.inject_encoder_fault(EncoderFault::Displaced { counts }, Lasting::Forever).unwrap();
+        assert!(time_to_off_ns(&mut board, 2 * SERVO_PERIOD_NS).is_some(), "{counts}");
+        assert_eq!(board.encoder_frames().unwrap().1, 1, "{counts}");
+        assert_latched(&mut board, &mut link, Fault::EncoderJump);
+    }
 }
 
 #[test]
@@ -215,7 +229,7 @@ fn a_hot_power_stage_turns_the_bridge_off() {
 }
 
 #[test]
-fn a_silent_host_turns_the_bridge_off() {
+fn a_silent_host_turns_the_bridge_off_and_one_that_asks_does_not() {
     let (mut board, mut link) = (common::board(), Link::new());
     let timeout = Request::SetParameters([(COMMAND_TIMEOUT, 0.05)].into_iter().collect());
     for request in [timeout, Request::Enable] {
@@ -223,11 +237,12 @@ fn a_silent_host_turns_the_bridge_off() {
     }
     board.run_for(Duration::from_millis(5)).unwrap();
     assert!(board.bridge_enabled().unwrap());
-    // Asking for the status is no command.
+    // Whatever the host asks, it is there.
     for _ in 0..6 {
-        board.run_for(Duration::from_millis(10)).unwrap();
-        status(&mut board, &mut link);
+        board.run_for(Duration::from_millis(30)).unwrap();
+        assert_eq!(status(&mut board, &mut link).fault, None);
     }
+    board.run_for(Duration::from_millis(60)).unwrap();
     assert_latched(&mut board, &mut link, Fault::CommandTimeout);
 }
 
@@ -248,27 +263,69 @@ fn a_processor_too_slow_for_the_tick_is_an_overrun() {
 const HANG: u16 = 0xE7FE;
 /// `udf #0`: a processor fault.
 const UNDEFINED: u16 = 0xDE00;
+/// The interrupt of the PWM period, of which nothing else in the board is more urgent.
+const INTERRUPT: &str = "TIM1_UP";
 /// What housekeeping calls ten times a second.
 const CALLED_BY_A_TASK: &str = "stack_free_bytes";
 
+/// Runs until the processor is reset, at most `limit`; when.
+fn time_of_reset_ns(board: &mut VirtualBoard, limit: Duration) -> u64 {
+    let end_ns = board.time_ns() + limit.as_nanos() as u64;
+    while board.resets().unwrap() == 0 {
+        assert!(board.time_ns() < end_ns, "no reset");
+        board.run_for(Duration::from_millis(1)).unwrap();
+    }
+    board.time_ns()
+}
+
 #[test]
-fn a_task_that_hangs_turns_the_bridge_off_and_starves_the_watchdog() {
-    let (mut board, _) = moving();
+fn a_task_that_hangs_turns_the_bridge_off_and_then_the_watchdog_starts_the_firmware_anew() {
+    let (mut board, mut link) = moving();
     let address = board.elf().address(CALLED_BY_A_TASK).unwrap() & !1;
     let feeds = board.counts().unwrap().feeds;
     board.run_for(Duration::from_millis(40)).unwrap();
     assert!(board.counts().unwrap().feeds > feeds + 3, "fed while all is well");
 
-    board.patch(address, HANG).unwrap();
+    let healthy = board.patch(address, HANG).unwrap();
     let start_ns = board.time_ns();
     while board.bridge_enabled().unwrap() && board.time_ns() - start_ns < 300_000_000 {
         board.run_for(Duration::from_millis(1)).unwrap();
     }
     // At most 100 ms until the task runs into it, and 100 ms of patience.
-    assert!(board.time_ns() - start_ns < 205_000_000, "{} ns", board.time_ns() - start_ns);
-    let feeds = board.counts().unwrap().feeds;
-    board.run_for(Duration::from_millis(60)).unwrap();
-    assert_eq!(board.counts().unwrap().feeds, feeds, "the watchdog's 50 ms have passed");
+    let off_ns = board.time_ns();
+    assert!(off_ns - start_ns < 205_000_000, "{} ns", off_ns - start_ns);
+    assert_eq!(board.resets().unwrap(), 0, "the bridge does not wait for the watchdog");
+    // Fed every 8 ms until then, it waits for 50 ms.
+    let waited_ns = time_of_reset_ns(&mut board, Duration::from_millis(60)) - off_ns;
+    assert!((41_000_000..52_000_000).contains(&waited_ns), "{waited_ns} ns");
+
+    board.patch(address, healthy).unwrap();
+    board.run_for(common::BOOT).unwrap();
+    let after = status(&mut board, &mut link);
+    assert_eq!((after.state, after.fault), (State::Fault, Some(Fault::WatchdogReset)));
+    let words = common::black_box(&mut board, &mut link);
+    let newest = BlackBox(&words[..]).entries().last().unwrap();
+    assert_eq!(newest.fault_number(), Fault::TaskHung.number(), "the black box is that of the run before");
+    board.check_told().unwrap();
+    assert!(matches!(link.request(&mut board, &Request::Enable).unwrap(), Reply::Refused(_)));
+    assert!(matches!(link.request(&mut board, &Request::ResetFault).unwrap(), Reply::Done { .. }));
+    assert!(matches!(link.request(&mut board, &Request::Enable).unwrap(), Reply::Done { .. }));
+}
+
+/// Whatever hangs, with interrupts and all: nothing of the firmware works any more, the watchdog does.
+#[test]
+fn a_processor_that_hangs_altogether_is_reset_by_the_watchdog() {
+    let (mut board, mut link) = moving();
+    let start_ns = board.time_ns();
+    // In RAM, from where the next start brings it back.
+    let interrupt = board.elf().address(INTERRUPT).unwrap() & !3;
+    board.write_memory(interrupt, u32::from(HANG) << 16 | u32::from(HANG)).unwrap();
+    let waited_ns = time_of_reset_ns(&mut board, Duration::from_millis(60)) - start_ns;
+    assert!((41_000_000..52_000_000).contains(&waited_ns), "{waited_ns} ns");
+    assert!(!board.bridge_enabled().unwrap());
+    board.run_for(common::BOOT).unwrap();
+    let after = status(&mut board, &mut link);
+    assert_eq!((after.state, after.fault), (State::Fault, Some(Fault::WatchdogReset)));
 }
 
 #[test]

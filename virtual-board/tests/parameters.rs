@@ -4,49 +4,23 @@ mod common;
 
 use std::time::Duration;
 
-use common::{BOOT, elf, logged};
+use common::{BOOT, logged, set, started};
 use servo_core::fault::Fault;
 use servo_core::image::{OLDEST_SCHEMA, SCHEMA};
-use servo_core::parameters::{Parameter, Settings};
+use servo_core::parameters::Settings;
 use servo_core::refusal::Refusal;
 use servo_core::state::State;
 use servo_core::store::{Current, Slot};
 use servo_protocol::message::{Reply, Request};
-use servo_virtual_board::{Config, Error, Link, ParameterSectors, Session, VirtualBoard};
+use servo_virtual_board::Session;
 
 /// A quarter of the servo period: what the tick may take from sampling to the new compare values.
 const TICK_LIMIT_NS: u64 = 125_000 / 4;
-/// Longest wait for a drive that has to erase a sector before it starts.
-const PATIENCE_NS: u64 = 5_000_000_000;
-
-/// A drive with these sectors, answering.
-fn started(parameters: ParameterSectors) -> Session {
-    let board = VirtualBoard::boot(&elf(), &Config { parameters, ..Config::default() }).unwrap();
-    answering(board)
-}
-
-fn answering(mut board: VirtualBoard) -> Session {
-    board.run_for(BOOT).unwrap();
-    let mut link = Link::new();
-    loop {
-        match link.request(&mut board, &Request::Identity) {
-            Ok(_) => return Session::new(board),
-            Err(Error::NoReply { .. }) if board.time_ns() < PATIENCE_NS => {}
-            Err(error) => panic!("{error}"),
-        }
-    }
-}
-
 fn refusal(session: &mut Session, request: &Request) -> Refusal {
     match session.ask(request).unwrap() {
         Reply::Refused(refusal) => refusal,
         other => panic!("{request:?} was answered by {other:?}"),
     }
-}
-
-fn set(session: &mut Session, name: &str, value: f64) {
-    let id = Parameter::by_name(name).unwrap().id;
-    session.order(&Request::SetParameters([(id, value)].into_iter().collect())).unwrap();
 }
 
 #[test]

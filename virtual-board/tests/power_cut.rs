@@ -4,38 +4,12 @@ mod common;
 
 use std::time::Duration;
 
-use common::{BOOT, elf};
+use common::{set, started};
 use servo_core::image::{SCHEMA, WORD_BYTES, WORDS};
-use servo_core::parameters::{Parameter, Settings};
+use servo_core::parameters::Settings;
 use servo_core::store::{Current, Save, Slot};
 use servo_protocol::message::Request;
-use servo_virtual_board::{Config, Error, Link, PARAMETER_ADDRESSES, ParameterSectors, Session, VirtualBoard};
-
-/// Longest wait for a drive that has to erase a sector before it starts.
-const PATIENCE_NS: u64 = 5_000_000_000;
-
-/// A drive with these sectors, answering.
-fn started(parameters: ParameterSectors) -> Session {
-    let board = VirtualBoard::boot(&elf(), &Config { parameters, ..Config::default() }).unwrap();
-    answering(board)
-}
-
-fn answering(mut board: VirtualBoard) -> Session {
-    board.run_for(BOOT).unwrap();
-    let mut link = Link::new();
-    loop {
-        match link.request(&mut board, &Request::Identity) {
-            Ok(_) => return Session::new(board),
-            Err(Error::NoReply { .. }) if board.time_ns() < PATIENCE_NS => {}
-            Err(error) => panic!("{error}"),
-        }
-    }
-}
-
-fn set(session: &mut Session, name: &str, value: f64) {
-    let id = Parameter::by_name(name).unwrap().id;
-    session.order(&Request::SetParameters([(id, value)].into_iter().collect())).unwrap();
-}
+use servo_virtual_board::{PARAMETER_ADDRESSES, ParameterSectors, Session};
 
 /// Values of one parameter that tell the images apart: in sector A, in sector B (the one in use), and in the save that goes to A again.
 const FIRST: f64 = 0.65;

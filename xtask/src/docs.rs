@@ -2,33 +2,29 @@
 
 use anyhow::{Context, Result};
 
-use crate::{fault_page, host, parameter_page, process, protocol_page};
+use crate::{fault_page, host, process, protocol_page};
 
 /// Where a page is, and what makes it.
 type Page = (&'static str, fn() -> String);
 
-const PAGES: [Page; 3] = [
-    ("docs/faults.md", fault_page::faults),
-    ("docs/parameters.md", parameter_page::parameters),
-    ("docs/protocol.md", protocol_page::protocol),
-];
+const PAGES: [Page; 2] = [("docs/faults.md", fault_page::faults), ("docs/protocol.md", protocol_page::protocol)];
 
-/// The host tool prints this one itself, and has the test that compares.
-const COMMANDS: &str = "docs/commands.md";
+/// The host tool prints these itself, by name, and has the tests that compare.
+const PRINTED: [(&str, &str); 2] = [("docs/commands.md", "commands"), ("docs/parameters.md", "parameters")];
 
 /// Writes every page anew and says which ones have changed.
 ///
 /// # Errors
 /// When a page cannot be written.
 pub fn write() -> Result<()> {
-    let commands = process::capture(
-        host::cargo("run").args(["--quiet", "--package", "servoctl", "--", "reference"]),
-        "servoctl reference",
-    )?;
-    // What is captured comes without its last line end.
-    let commands = commands + "\n";
-    let pages = PAGES.map(|(path, render)| (path, render()));
-    for (path, now) in pages.into_iter().chain([(COMMANDS, commands)]) {
+    let mut pages = Vec::from(PAGES.map(|(path, render)| (path, render())));
+    for (path, name) in PRINTED {
+        let mut print = host::cargo("run");
+        print.args(["--quiet", "--package", "servoctl", "--", "reference", name]);
+        // What is captured comes without its last line end.
+        pages.push((path, process::capture(&mut print, "servoctl reference")? + "\n"));
+    }
+    for (path, now) in pages {
         let before = std::fs::read_to_string(path).unwrap_or_default();
         std::fs::write(path, &now).with_context(|| format!("writing {path}"))?;
         println!("{path}: {}", if before == now { "was current" } else { "written" });

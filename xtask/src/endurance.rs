@@ -10,6 +10,9 @@ pub struct Options {
     /// Simulated seconds of motion with lost frames and a load
     #[arg(long, default_value_t = 3600)]
     motion_s: u32,
+    /// What is drawn for it: moves, loads, lost frames, friction and noise
+    #[arg(long, default_value_t = 1)]
+    motion_seed: u64,
     /// Ticks of random commands and samples
     #[arg(long, default_value_t = 1_000_000_000)]
     random_ticks: u64,
@@ -27,7 +30,8 @@ pub fn run(options: &Options) -> Result<()> {
     for (test, variable, value) in long {
         let mut tests = host::cargo("test");
         tests.args(["--release", "--package", "servo-host-tests", "--test", test, "--", "--nocapture"]);
-        process::run(tests.env(variable, value.to_string()), test)?;
+        tests.env(variable, value.to_string()).env("SERVO_MOTION_SEED", options.motion_seed.to_string());
+        process::run(&mut tests, test)?;
     }
     Ok(())
 }

@@ -20,6 +20,7 @@ pub fn faults() -> String {
         The black box keeps 512 ticks from before the first fault and 64 after it, each with what the drive was told and what it did, \
         also over a reset that is not a loss of supply, until the bridge is next turned on. The host reads it and runs the ticks again \
         ([`black_box.rs`](../core/src/black_box.rs)): the same version of this software gives the same records, to the last bit.\n\n\
+        Which test provokes which fault, on the host and on the emulated board: [`SAFETY.md`](../SAFETY.md).\n\n\
         | no. | CiA 402 | fault | seen after | bridge | what happened | what to do |\n|---|---|---|---|---|---|---|\n",
     );
     let mut faults = Fault::ALL.to_vec();

@@ -16,7 +16,6 @@ mod fault_page;
 mod firmware;
 mod fuzz;
 mod host;
-mod parameter_page;
 mod process;
 mod protocol_page;
 mod qemu;

@@ -45,6 +45,9 @@ of the command's tick or later shows the command's effect. A tick count that fal
 ";
 
 const SIGNALS: &str = "
+Whatever a host asks is a sign of life. A drive with the bridge on that hears nothing for longer than its `command_timeout_s` goes into fault 19; 0, as in a new drive, means
+that it goes on and holds its last target.
+
 ## Signals, captures, streams
 
 Every servo tick (8 kHz) makes a record of 32-bit words. A capture or a stream chooses some of them with a mask: bit n is word n.

@@ -7,7 +7,7 @@ use std::process::Command;
 use anyhow::{Context, Result};
 
 use crate::firmware::Firmware;
-use crate::{host, process, setup, virtual_drive};
+use crate::{process, setup, virtual_drive};
 
 const WEB: &str = "servoctl/web";
 const LOCK: &str = "package-lock.json";
@@ -50,15 +50,7 @@ pub fn bundle() -> Result<()> {
 pub fn test(firmware: &Firmware) -> Result<()> {
     setup::chromium()?;
     bundle()?;
-    let program = virtual_drive::program()?;
-    // A drive of its own, whatever else runs here.
-    let state = std::path::absolute(target().join("scope/virtual-drive")).context("the target directory")?;
-    let mut test = host::cargo("test");
-    test.env("SERVO_VIRTUAL_DRIVE", program)
-        .env("SERVO_ELF", host::absolute(&firmware.elf)?)
-        .env("SERVO_VIRTUAL_STATE", state);
-    test.args(["--package", "servoctl", "--test", "scope", "--", "--include-ignored"]);
-    process::run(&mut test, "the scope page in a browser")
+    process::run(&mut virtual_drive::test(firmware, "scope")?, "the scope page in a browser")
 }
 
 fn target() -> PathBuf {

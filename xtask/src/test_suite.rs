@@ -7,7 +7,7 @@ use anyhow::{Result, bail};
 use clap::ValueEnum;
 
 use crate::firmware::{self, Firmware};
-use crate::{demo, embedded, host, process, qemu, scope, setup};
+use crate::{demo, embedded, host, process, qemu, scope, setup, virtual_drive};
 
 /// What the test suite can be told.
 #[derive(clap::Args)]
@@ -45,6 +45,8 @@ enum Step {
     Qemu,
     /// The ELF on the emulated board
     VirtualBoard,
+    /// The host tool's commands on the virtual drive, from the first move to a pulled cable
+    Commands,
     /// The scope page in a real browser
     Scope,
     /// The demonstration with two moves
@@ -103,6 +105,7 @@ fn run_step(step: Step) -> Result<()> {
         }
         Step::Docs => documentation(),
         Step::HostTests => process::run(&mut host::cargo("test"), "host tests"),
+        Step::Commands => virtual_drive::test_commands(&firmware::build()?),
         Step::Scope => scope::test(&firmware::build()?),
         Step::SameBits => {
             let mut test = host::cargo("test");

@@ -162,7 +162,7 @@ impl Memory {
             Compensator::Niasa => Memory::Niasa(niasa::OnDahl::relaxed(position)),
             Compensator::NiasaMaxwell => Memory::NiasaMaxwell(niasa::OnMaxwell::relaxed(position)),
             Compensator::Feedforward => Memory::Feedforward(feedforward::State::RELAXED),
-            Compensator::LugreObserver => Memory::LugreObserver(observer::OnLugre::default()),
+            Compensator::LugreObserver => Memory::LugreObserver(observer::OnLugre::relaxed(position)),
             Compensator::DahlObserver => Memory::DahlObserver(observer::OnDahl::relaxed(position)),
             Compensator::ScheduledPd => Memory::ScheduledPd(scheduled::State::relaxed(position)),
             // It estimates the whole of the force that the integrators held: leaving it there as well would count it twice.

@@ -61,6 +61,7 @@ impl Drive {
                 self.choose(compensator);
                 Ok(())
             }
+            Command::Excite(ref order) => self.begin_excitation(order),
             Command::CollectSignals => {
                 if self.config.sin_cos.is_none() {
                     return Err(Refusal::NoSignals);
@@ -163,8 +164,9 @@ impl Drive {
         self.climbing = false;
     }
 
-    /// Replaces the motion under way by one that brakes it to rest.
+    /// Ends an excitation, and replaces the motion under way by one that brakes it to rest.
     pub(super) fn brake(&mut self, deceleration_m_per_s2: f32) {
+        self.abort_excitation();
         if self.torque && !self.profile.is_done() {
             let from = self.reference;
             self.profile =
@@ -172,7 +174,8 @@ impl Drive {
         }
     }
 
-    fn start_move(&mut self, target: Position, limits: Limits) -> Outcome {
+    /// Whether the stage may be made to move now.
+    pub(super) fn may_move(&self) -> Outcome {
         if self.state != State::OperationEnabled || self.request != Request::EnableOperation {
             return Err(Refusal::WrongState(self.state));
         }
@@ -182,6 +185,11 @@ impl Drive {
         if self.control_word.halt() {
             return Err(Refusal::Halted);
         }
+        Ok(())
+    }
+
+    fn start_move(&mut self, target: Position, limits: Limits) -> Outcome {
+        self.may_move()?;
         if !self.profile.is_done() {
             return Err(Refusal::Moving);
         }

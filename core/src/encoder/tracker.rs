@@ -82,6 +82,11 @@ impl Tracker {
         self.moved_ct.unsigned_abs() >= MOTION_CT
     }
 
+    /// The movement from the good reading before the last one to the last one, counts, however many frames were lost in between.
+    pub fn measured_step_ct(&self) -> i32 {
+        if self.same > 0 { 0 } else { self.moved_ct }
+    }
+
     /// The encoder's warning bit of the last good frame.
     pub fn warning(&self) -> bool {
         self.warning

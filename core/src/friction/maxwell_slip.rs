@@ -51,6 +51,16 @@ impl Elements {
         elements
     }
 
+    /// The same curve with another σ (N/m, half of all stiffness) and F_C (N), both positive.
+    pub fn scaled(&self, stiffness_n_per_m: f32, coulomb_n: f32) -> Self {
+        let stiffer = 2.0 * stiffness_n_per_m / self.total_stiffness_n_per_m();
+        let stronger = coulomb_n / self.coulomb_n();
+        Elements {
+            stiffness_n_per_m: self.stiffness_n_per_m.map(|k| k * stiffer),
+            saturation_n: self.saturation_n.map(|f| f * stronger),
+        }
+    }
+
     fn iter(&self) -> impl Iterator<Item = Element> {
         let pairs = self.stiffness_n_per_m.iter().zip(&self.saturation_n);
         pairs.map(|(stiffness, saturation)| Element { stiffness_n_per_m: *stiffness, saturation_n: *saturation })
@@ -181,6 +191,9 @@ mod tests {
     fn table_4_adds_up() {
         assert!((GMS_TABLE_4.coulomb_n() - 0.4301).abs() < 1e-6);
         assert!((GMS_TABLE_4.total_stiffness_n_per_m() / 11.8965e6 - 1.0).abs() < 1e-6);
+        let scaled = GMS_TABLE_4.scaled(4e6, 0.6);
+        assert!((scaled.total_stiffness_n_per_m() / 8e6 - 1.0).abs() < 1e-6);
+        assert!((scaled.coulomb_n() / 0.6 - 1.0).abs() < 1e-6);
     }
 
     #[test]

@@ -15,6 +15,7 @@ pub const MAX_PERIODS: u32 = 10_000;
 /// # Source
 /// Section 5.4; 8, 16 and 32 Hz in section 6.1.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct DecayingSine {
     amplitude: f64,
     phasor: Phasor,

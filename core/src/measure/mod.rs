@@ -9,15 +9,18 @@
 //! | [`Tone`], [`Correlator`] | one frequency of a stepped sine, and what answers at it | 5.1 |
 //! | [`Pulse`] | step and back | 5.3 |
 //! | [`Bounds`] | what ends an excitation | |
+//! | [`Excitation`] | one of them in the drive, and what it finds | |
 
 mod correlator;
 mod decaying_sine;
+mod excitation;
 mod phasor;
 mod tone;
 mod watch;
 
 pub use correlator::Correlator;
 pub use decaying_sine::{DecayingSine, MAX_PERIODS};
+pub use excitation::{Added, Excitation, Node, Order, Progress, Reading, Request, Shape};
 pub use phasor::{Complex, Phasor};
 pub use tone::{Tone, TonePart};
 pub use watch::{Bounds, Exceeded, Motion};
@@ -32,6 +35,7 @@ pub const MAX_HZ: f32 = 0.45 * SERVO_HZ as f32;
 
 /// A constant value for some ticks, then nothing.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Pulse {
     /// The value, in the caller's unit.
     pub amplitude: f32,

@@ -4,6 +4,8 @@ use core::f64::consts::TAU;
 
 /// A complex number.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Complex {
     /// Real part.
     pub re: f64,
@@ -15,6 +17,7 @@ pub struct Complex {
 ///
 /// Double precision: after an hour of ticks amplitude and phase are still exact to 1e-8.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Phasor {
     value: Complex,
     step: Complex,

@@ -10,6 +10,7 @@ const MAX_TICKS: f64 = 3_600.0 * SERVO_HZ as f64;
 
 /// A sine whose measured part is a whole number of ticks and of periods, after a lead in which the loop gets used to it.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Tone {
     amplitude: f64,
     phasor: Phasor,
@@ -97,14 +98,14 @@ mod tests {
     fn gain_and_phase_of_what_answers_are_found_whatever_the_lead() {
         for lead_s in [0.0, 0.0373] {
             let mut tone = Tone::new(0.5, 73.0, 0.25, lead_s).unwrap();
-            let mut correlator = Correlator::<2>::default();
+            let mut correlator = Correlator::default();
             let mut before = 0.0;
             while let Some(part) = tone.advance() {
                 // A gain of 3 with an offset, and the tick before.
-                correlator.add(part.reference, [3.0 * part.value + 7.0, before]);
+                correlator.add(part.reference, [3.0 * part.value + 7.0, before, 0.0]);
                 before = part.value;
             }
-            let [gain, late] = correlator.amplitudes();
+            let [gain, late, _] = correlator.amplitudes();
             assert_eq!(correlator.samples(), tone.measured_ticks());
             assert!((gain.re - 1.5).abs() < 1e-6 && gain.im.abs() < 1e-6, "{gain:?}");
             let angle = core::f64::consts::TAU * tone.frequency_hz() / f64::from(SERVO_HZ);

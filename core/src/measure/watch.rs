@@ -4,6 +4,7 @@ use crate::position::Position;
 
 /// Limits while an excitation acts.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Bounds {
     /// Largest distance from where it began, counts.
     pub travel_ct: u32,
@@ -28,6 +29,8 @@ pub struct Motion {
 
 /// A limit that was exceeded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Exceeded {
     /// Distance from the start.
     Travel,

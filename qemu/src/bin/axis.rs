@@ -6,7 +6,7 @@ use servo_core::axis::Axis;
 use servo_core::config::Config;
 use servo_qemu::digest::Digest;
 use servo_qemu::image::{self, Failure};
-use servo_qemu::regions::{self, Class};
+use servo_qemu::regions::{self, Before, Class};
 use servo_qemu::script;
 
 #[cortex_m_rt::entry]
@@ -20,7 +20,7 @@ fn run() -> Result<Digest, Failure> {
         if number == script::CAPTURE_TICK {
             axis.arm_capture(script::CAPTURE);
         }
-        let was_on = axis.drive().state().has_torque();
+        let before = Before::of(axis.drive());
         let output = regions::on_servo(&mut axis, &tick.sample, script::command(number)?.as_ref());
         digest.servo(&output);
         let mut is_on = output.bridge.enabled;
@@ -29,7 +29,7 @@ fn run() -> Result<Digest, Failure> {
             digest.period(bridge);
             is_on = bridge.enabled;
         }
-        Class::of(axis.drive().config(), was_on, &output.record, output.outcome, is_on).tell();
+        Class::of(before, axis.drive().config(), &output.record, output.outcome, is_on).tell();
         Ok(())
     })
 }

@@ -27,7 +27,7 @@ use servo_core::settling::Monitor;
 use servo_qemu::digest::Digest;
 use servo_qemu::image::{self, Failure};
 use servo_qemu::recording::Tick;
-use servo_qemu::regions::{self, Class};
+use servo_qemu::regions::{self, Before, Class};
 use servo_qemu::script;
 
 #[cortex_m_rt::entry]
@@ -50,7 +50,7 @@ fn run() -> Result<Digest, Failure> {
             capture.arm(script::CAPTURE);
         }
         let command = script::command(number)?;
-        let was_on = drive.state().has_torque();
+        let before = Before::of(&drive);
         if command.as_ref().is_some_and(|command| drive.is_reset(command)) {
             current.clear_trip();
         }
@@ -67,7 +67,7 @@ fn run() -> Result<Digest, Failure> {
             is_on = bridge.enabled;
         }
         stages.follow(drive.config(), tick, &inputs, &output.record, &output.demand);
-        Class::of(drive.config(), was_on, &output.record, output.outcome, is_on).tell();
+        Class::of(before, drive.config(), &output.record, output.outcome, is_on).tell();
         Ok(())
     })
 }

@@ -16,38 +16,30 @@ use crate::table::{Table, number};
 #[derive(Debug, clap::Subcommand)]
 pub enum Options {
     /// Dahl's model: sigma and F_C with 95 % confidence intervals
-    Dahl {
-        /// Where the friction comes from.
-        #[command(flatten)]
-        data: Data,
-        /// How the result is written.
-        #[command(flatten)]
-        json: Json,
-    },
+    Dahl(Fit),
     /// Maxwell slip: springs in parallel, each sliding at its own force
-    Maxwell {
-        /// Where the friction comes from.
-        #[command(flatten)]
-        data: Data,
-        /// Most elements, 1 to 12
-        #[arg(long, value_name = "N", default_value_t = maxwell::USUAL_ELEMENTS)]
-        elements: usize,
-        /// How the result is written.
-        #[command(flatten)]
-        json: Json,
-    },
+    Maxwell(SlipFit),
     /// Both models, and which of them the data need
-    Choose {
-        /// Where the friction comes from.
-        #[command(flatten)]
-        data: Data,
-        /// Most elements of Maxwell slip, 1 to 12
-        #[arg(long, value_name = "N", default_value_t = maxwell::USUAL_ELEMENTS)]
-        elements: usize,
-        /// How the result is written.
-        #[command(flatten)]
-        json: Json,
-    },
+    Choose(SlipFit),
+}
+
+/// What every fit has.
+#[derive(Debug, clap::Args)]
+pub struct Fit {
+    #[command(flatten)]
+    data: Data,
+    #[command(flatten)]
+    json: Json,
+}
+
+/// What a fit of Maxwell slip has beside that.
+#[derive(Debug, clap::Args)]
+pub struct SlipFit {
+    #[command(flatten)]
+    fit: Fit,
+    /// Most elements, 1 to 12
+    #[arg(long, value_name = "N", default_value_t = maxwell::USUAL_ELEMENTS)]
+    elements: usize,
 }
 
 /// Where the friction comes from.
@@ -82,17 +74,17 @@ impl Data {
 /// A file that cannot be read, data that are refused, with file, line and value.
 pub fn run(options: &Options) -> Result<()> {
     match options {
-        Options::Dahl { data, json } => {
+        Options::Dahl(Fit { data, json }) => {
             let record = data.record()?;
             let fit = dahl::fit(&record).with_context(|| data.name())?;
             json.write(&fit, || dahl_text(&data.name(), &record, &fit))
         }
-        Options::Maxwell { data, elements, json } => {
+        Options::Maxwell(SlipFit { fit: Fit { data, json }, elements }) => {
             let record = data.record()?;
             let fit = maxwell::fit(&record, *elements).with_context(|| data.name())?;
             json.write(&fit, || maxwell_text(&data.name(), &record, &fit))
         }
-        Options::Choose { data, elements, json } => {
+        Options::Choose(SlipFit { fit: Fit { data, json }, elements }) => {
             let record = data.record()?;
             let choice = choice::fit(&record, *elements).with_context(|| data.name())?;
             json.write(&choice, || choice_text(&data.name(), &record, &choice))

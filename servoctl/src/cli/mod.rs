@@ -5,11 +5,13 @@
 //! Everything that prints numbers takes [`output::Json`] as `#[command(flatten)]` and ends with
 //! [`output::Json::write`]; progress goes to standard error.
 
+pub mod commission;
 pub mod drive;
 pub mod fit;
 pub mod interrupt;
 pub mod merge;
 pub mod output;
+pub mod parameter_page;
 pub mod progress;
 pub mod reference;
 pub mod report;
@@ -75,9 +77,12 @@ pub enum Command {
         /// Which shell
         shell: clap_complete::Shell,
     },
-    /// Print the page of all commands
+    /// Print a page of docs/
     #[command(hide = true)]
-    Reference,
+    Reference {
+        /// Which one
+        page: reference::Page,
+    },
     /// Settling in theory (chapter 7 of the thesis): friction observer against NIASA, with a wrong friction model
     #[command(subcommand)]
     Theory(theory::Options),
@@ -86,6 +91,8 @@ pub enum Command {
     /// Friction models fitted to measured force or current over position
     #[command(subcommand)]
     Fit(fit::Options),
+    /// From an unknown stage to a tuned axis that settles with NIASA: measure, tune, identify, verify
+    Commission(commission::Options),
     /// The thesis beside the simulation: every figure, table and number of it, on one page
     Report(report::Options),
     /// Join the parts of an experiment that `reproduce --shard` computed
@@ -129,16 +136,15 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         Command::Ports(options) => identity::ports(options),
         Command::Virtual(options) => virtual_drive::run(options),
         Command::Completions { shell } => {
-            clap_complete::generate(*shell, &mut Arguments::command(), "servoctl", &mut std::io::stdout());
-            Ok(())
+            let mut script = Vec::new();
+            clap_complete::generate(*shell, &mut Arguments::command(), "servoctl", &mut script);
+            output::print(&String::from_utf8_lossy(&script))
         }
-        Command::Reference => {
-            print!("{}", reference::page());
-            Ok(())
-        }
+        Command::Reference { page } => output::print(&page.text()),
         Command::Theory(options) => theory::run(options),
         Command::Reproduce(options) => reproduce::run(options),
         Command::Fit(options) => fit::run(options),
+        Command::Commission(options) => commission::run(link, options),
         Command::Report(options) => report::run(options),
         Command::Merge(options) => merge::run(options),
     }

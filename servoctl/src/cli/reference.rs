@@ -2,9 +2,28 @@
 
 use std::fmt::Write;
 
-use clap::{Command, CommandFactory};
+use clap::{Command, CommandFactory, ValueEnum};
 
-use super::Arguments;
+use super::{Arguments, parameter_page};
+
+/// Pages that this program prints about itself.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum Page {
+    /// `docs/commands.md`
+    Commands,
+    /// `docs/parameters.md`
+    Parameters,
+}
+
+impl Page {
+    /// The page.
+    pub fn text(self) -> String {
+        match self {
+            Page::Commands => commands(),
+            Page::Parameters => parameter_page::parameters(),
+        }
+    }
+}
 
 const HEAD: &str = "\
 # Commands of `servoctl`
@@ -17,7 +36,7 @@ understood, 130 after Ctrl-C, which brakes a motion first.
 ";
 
 /// `docs/commands.md`.
-pub fn page() -> String {
+pub fn commands() -> String {
     let mut root = Arguments::command().bin_name("servoctl").term_width(110);
     root.build();
     let mut page = HEAD.to_owned();
@@ -49,6 +68,6 @@ mod tests {
     fn the_committed_page_is_current() {
         let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/commands.md");
         let committed = std::fs::read_to_string(file).unwrap_or_default();
-        assert!(committed == page(), "run `cargo xtask docs` and commit docs/commands.md");
+        assert!(committed == commands(), "run `cargo xtask docs` and commit docs/commands.md");
     }
 }

@@ -30,7 +30,8 @@ pub struct Options {
     /// Stage file (TOML) [default: the stage of the thesis]
     #[arg(long, value_name = "FILE")]
     stage: Option<PathBuf>,
-    /// Moves per configuration, 1 to 10 000 000 [default: as many as the thesis made]
+    /// Moves per configuration, 1 to 10 000 000; step-100um: steps; identification-study: steps, and its runs in proportion
+    /// [default: as many as the thesis made]
     #[arg(long, value_name = "N")]
     moves: Option<u64>,
     /// Seed of friction and noise; the same seed gives the same numbers, on any number of threads
@@ -131,6 +132,9 @@ pub fn run(options: &Options) -> Result<()> {
     }
     let stage = read_stage(options.stage.as_ref())?;
     options.check()?;
+    if let Some(note) = options.unused() {
+        eprintln!("{note}");
+    }
     let (text, value) = match options.name.kind() {
         Kind::All => all(options, &stage)?,
         Kind::Settling(experiment) if options.shard.is_some() => return part(options, experiment, stage),
@@ -145,8 +149,6 @@ impl Options {
         let name = self.name.typed();
         let settling = matches!(self.name.kind(), Kind::Settling(_));
         if let Some(moves) = self.moves {
-            let has_moves = settling || matches!(self.name, Name::Step100Um | Name::IdentificationStudy | Name::All);
-            ensure!(has_moves, "moves is an option of experiments that move, not of {name}");
             ensure!((1..=10_000_000).contains(&moves), "moves = {moves} is outside 1 to 10000000");
         }
         if self.shard.is_some() && !settling {
@@ -159,6 +161,24 @@ impl Options {
             ensure!((-20.0..=20.0).contains(percent), "mass-error = {percent} is outside -20 to 20 %");
         }
         Ok(())
+    }
+
+    /// What was asked for and means nothing to the experiment: said, so that nobody takes the result for something else.
+    fn unused(&self) -> Option<String> {
+        let given = [("moves", self.moves.is_some()), ("stage", self.stage.is_some())];
+        let (used, why): (&[&str], _) = match self.name {
+            Name::LoopTransmission => {
+                (&["stage"], "each sweep measures 49 tones, with friction as it stands in the stage file")
+            }
+            Name::Models => (&[], "the models are fitted to one motion of the published elements (table 4)"),
+            _ => return None,
+        };
+        let unused: Vec<_> = given
+            .iter()
+            .filter(|(key, given)| *given && !used.contains(key))
+            .map(|(key, _)| format!("--{key}"))
+            .collect();
+        (!unused.is_empty()).then(|| format!("{}: {} not used; {why}", self.name.typed(), unused.join(" and ")))
     }
 
     fn request(&self, experiment: Experiment, stage: Stage) -> Request {
@@ -294,14 +314,31 @@ pub fn read_stage(file: Option<&PathBuf>) -> Result<Stage> {
 mod tests {
     use clap::Parser;
 
+    use super::Options;
     use crate::cli::{Arguments, Command};
+
+    fn options(typed: &[&str]) -> Options {
+        match Arguments::try_parse_from([&["servoctl", "reproduce"], typed].concat()).unwrap().command {
+            Command::Reproduce(options) => options,
+            _ => panic!("{typed:?}"),
+        }
+    }
+
+    /// A loop over all experiments with one number of moves must not end at those that do not move.
+    #[test]
+    fn options_without_a_meaning_are_accepted_and_said_to_be_unused() {
+        let loops = options(&["loop-transmission", "--moves", "3", "--stage", "a.toml"]);
+        assert!(loops.check().is_ok());
+        assert!(loops.unused().unwrap().starts_with("loop-transmission: --moves not used"));
+        let models = options(&["models", "--moves", "3", "--stage", "a.toml"]);
+        assert!(models.unused().unwrap().starts_with("models: --moves and --stage not used"));
+        assert_eq!(options(&["exp1", "--moves", "3"]).unused(), None);
+        assert!(options(&["exp1", "--moves", "0"]).check().is_err());
+    }
 
     #[test]
     fn a_list_of_mass_errors_may_begin_with_a_minus() {
-        let typed = ["servoctl", "reproduce", "exp2", "--mass-error", "-2,1", "--moves", "3"];
-        let Command::Reproduce(options) = Arguments::try_parse_from(typed).unwrap().command else {
-            panic!("{typed:?}")
-        };
+        let options = options(&["exp2", "--mass-error", "-2,1", "--moves", "3"]);
         assert_eq!((options.mass_error, options.moves), (vec![-2.0, 1.0], Some(3)));
     }
 }

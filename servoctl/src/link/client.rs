@@ -110,6 +110,18 @@ impl Client {
         self.blocks.drain(..)
     }
 
+    /// Lets time pass; blocks of the stream that come are kept.
+    ///
+    /// # Errors
+    /// [`Error::Broken`].
+    pub fn pass(&mut self, time: Duration) -> Result<(), Error> {
+        let until = self.port.now() + time;
+        while self.port.now() < until {
+            self.listen(None, until)?;
+        }
+        Ok(())
+    }
+
     fn wait_for(&mut self, id: u32) -> Result<Option<Reply>, Error> {
         let until = self.port.now() + self.patience.reply;
         loop {

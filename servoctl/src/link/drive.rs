@@ -1,11 +1,16 @@
 //! The drive, as its commands see it: one method for each thing that a person wants of it.
 
+use std::cell::Cell;
+use std::time::Duration;
+
 use servo_core::SERVO_HZ;
 use servo_core::capture::{Complete, Order, Progress};
+use servo_core::measure::Reading;
 use servo_core::parameters::{Parameter, Settings, TABLE};
 use servo_core::record::COLUMNS;
 use servo_core::settling::Settling;
 use servo_core::state::State;
+use servo_protocol::black_box;
 use servo_protocol::endpoint;
 use servo_protocol::message::{
     Identity, PARAMETERS_PER_REPLY, PARAMETERS_PER_REQUEST, PROTOCOL, ParameterStore, Reply, Request, SaveProgress,
@@ -197,6 +202,37 @@ impl Drive {
         })
     }
 
+    /// What the excitation under way, or the last one, has found: at least as new as the last command.
+    ///
+    /// # Errors
+    /// Those of [`Client::request`].
+    pub fn excitation(&mut self) -> Result<Reading, Error> {
+        loop {
+            let (tick, reading) = self.query(&Request::Excitation, |reply| match reply {
+                Reply::Excitation { tick, reading } => Some((tick, reading)),
+                _ => None,
+            })?;
+            if self.last_tick.wrapping_sub(tick) as i32 <= 0 {
+                return Ok(reading);
+            }
+        }
+    }
+
+    /// Lets so many ticks of the drive's own time pass.
+    ///
+    /// # Errors
+    /// Those of [`Drive::status`].
+    pub fn wait(&mut self, ticks: u32) -> Result<(), Error> {
+        let first = self.status()?.tick;
+        let mut gone = 0;
+        while gone < ticks {
+            // A virtual drive's time is slower than the clock on the wall: it is asked how much has passed.
+            self.client.pass(Duration::from_secs_f64(f64::from(ticks - gone) / f64::from(SERVO_HZ)))?;
+            gone = self.status()?.tick.wrapping_sub(first);
+        }
+        Ok(())
+    }
+
     /// All parameters in use.
     ///
     /// # Errors
@@ -323,6 +359,23 @@ impl Drive {
             Reply::Capture { first, words } if first == from as u32 && !words.is_empty() => Some(words.to_vec()),
             _ => None,
         })
+    }
+
+    /// Reads the black box's memory; whether it holds a recording, [`black_box::BlackBox::is_intact`] says.
+    ///
+    /// # Errors
+    /// Those of [`Client::request`].
+    pub fn read_black_box(&mut self) -> Result<Vec<Cell<u32>>, Error> {
+        let mut memory = Vec::with_capacity(black_box::WORDS);
+        while memory.len() < black_box::WORDS {
+            let from = memory.len() as u32;
+            let block = self.query(&Request::ReadBlackBox { first: from }, |reply| match reply {
+                Reply::BlackBox { first, words } if first == from && !words.is_empty() => Some(words),
+                _ => None,
+            })?;
+            memory.extend(block.into_iter().map(Cell::new));
+        }
+        Ok(memory)
     }
 
     /// Orders a capture.

@@ -70,9 +70,7 @@ impl fmt::Display for Error {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Error::Open { address, reason, help } => write!(f, "{address}: {reason}\n  {help}"),
-            Error::Broken(error) => {
-                write!(f, "the link broke: {error}\n  the drive stops by itself if its command_timeout_s says so")
-            }
+            Error::Broken(error) => write!(f, "the link broke: {error}"),
             Error::NoReply { request, attempts, unknown } => {
                 write!(f, "no reply to {request} (sent {attempts} times)")?;
                 if *unknown {

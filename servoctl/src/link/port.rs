@@ -97,19 +97,30 @@ struct Tcp(TcpStream);
 
 impl Port for Tcp {
     fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
-        self.0.write_all(bytes)
+        self.0.write_all(bytes).map_err(closed)
     }
 
     fn receive(&mut self, bytes: &mut [u8], until: Instant) -> io::Result<usize> {
         let wait = until.saturating_duration_since(Instant::now()).max(SHORTEST_WAIT);
         self.0.set_read_timeout(Some(wait))?;
         match self.0.read(bytes) {
-            Ok(0) => Err(io::Error::new(
-                ErrorKind::UnexpectedEof,
-                "the other side closed the connection; it serves one client at a time",
-            )),
-            other => quiet(other),
+            Ok(0) => Err(closed(ErrorKind::UnexpectedEof.into())),
+            other => quiet(other.map_err(closed)),
         }
+    }
+}
+
+/// How a connection ends that the other side does not want, or no longer, depends on who was faster.
+fn closed(error: io::Error) -> io::Error {
+    match error.kind() {
+        ErrorKind::UnexpectedEof
+        | ErrorKind::ConnectionReset
+        | ErrorKind::ConnectionAborted
+        | ErrorKind::BrokenPipe => io::Error::new(
+            error.kind(),
+            "the other side closed the connection: it has ended, or serves another client (one at a time)",
+        ),
+        _ => error,
     }
 }
 

@@ -173,7 +173,15 @@ mod tests {
 
     #[test]
     fn numbers_are_shown_without_the_noise_of_their_last_bits() {
-        for (value, shown) in [(1.9799999999999998e-9, "1.98e-9"), (0.02, "0.02"), (4e6, "4e6"), (-1.0, "-1")] {
+        for (value, shown) in [
+            (1.9799999999999998e-9, "1.98e-9"),
+            (4e-6 / 65536.0, "6.103515625e-11"),
+            (0.0, "0"),
+            (0.02, "0.02"),
+            (4e6, "4e6"),
+            (2_147_483_648.0, "2147483648"),
+            (-1.0, "-1"),
+        ] {
             assert_eq!(show_number(value), shown);
         }
     }

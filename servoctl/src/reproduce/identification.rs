@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 use servo_core::SERVO_HZ;
 use servo_core::drive::Command;
-use servo_core::measure::DecayingSine;
+use servo_core::measure::{self, Node, Shape};
 use servo_core::parameters::Settings;
 use servo_core::position::Position;
 use servo_core::record::{TickRecord, flags};
@@ -45,6 +45,9 @@ const RAISE: f64 = 1.25;
 const FIRST_ERROR_M: f64 = 0.5e-6;
 /// Amplitudes that are tried.
 const ATTEMPTS: usize = 16;
+/// What ends a profile before harm is done: far beyond what it does, m and m/s.
+const TRAVEL_M: f32 = 100e-6;
+const SPEED_M_PER_S: f32 = 0.05;
 /// Rest after each excitation, ticks.
 const REST_TICKS: u32 = 400;
 /// Settling that is looked at, s from the end of the profile.
@@ -128,30 +131,30 @@ pub struct Study {
     pub settings: Settings,
 }
 
-/// Makes `runs` runs at each place and frequency and `steps` steps; nothing if it was stopped.
+/// Makes `runs` runs at each place and frequency and `steps` steps; ended from outside, it gives those that are finished.
 ///
 /// # Errors
 /// What the drive refuses.
-pub fn run(stage: &Stage, runs: u64, steps: u64, seed: u64, watch: Watch) -> Result<Option<Study>, Refusal> {
+pub fn run(stage: &Stage, runs: u64, steps: u64, seed: u64, watch: Watch) -> Result<Study, Refusal> {
     let settings = tuning::settings(stage, &STANDARD)?;
     let places: Vec<(usize, u64)> = (0..FREQUENCIES_HZ.len()).flat_map(|f| (0..PLACES).map(move |p| (f, p))).collect();
-    let at_places: Vec<Option<Found>> = places
+    let at_places: Vec<Found> = places
         .par_iter()
+        .with_max_len(1)
         .map(|(frequency, place)| at_place(stage, &settings, seed, *frequency, *place, runs, watch))
         .collect::<Result<_, Refusal>>()?;
     let passes: Vec<u64> = (0..steps.div_ceil(pass::MOVES)).collect();
-    let settled: Vec<Option<Found>> = passes
+    let settled: Vec<Found> = passes
         .par_iter()
+        .with_max_len(1)
         .map(|number| settle(stage, &settings, seed, *number, steps - number * pass::MOVES, watch))
         .collect::<Result<_, Refusal>>()?;
-    let Some(at_places) = at_places.into_iter().collect::<Option<Vec<Found>>>() else { return Ok(None) };
-    let Some(settled) = settled.into_iter().collect::<Option<Vec<Found>>>() else { return Ok(None) };
     let profiles = FREQUENCIES_HZ.iter().zip(at_places.chunks(PLACES as usize));
-    Ok(Some(Study {
+    Ok(Study {
         profiles: profiles.map(|(hz, found)| Group::new(Some(f64::from(*hz)), found)).collect(),
         settling: Group::new(None, &settled),
         settings,
-    }))
+    })
 }
 
 /// Runs of one kind, one after the other.
@@ -166,7 +169,7 @@ fn at_place(
     place: u64,
     runs: u64,
     watch: Watch,
-) -> Result<Option<Found>, Refusal> {
+) -> Result<Found, Refusal> {
     let mut bench = FastBench::new(stage, settings, seed)?;
     bench.enable()?;
     let place_m = (place as f64 - 0.5 * (PLACES - 1) as f64) * SPACING_M.min(stage.mechanics.travel_m / 10.0);
@@ -176,7 +179,7 @@ fn at_place(
     let mut found = Vec::new();
     for run in 0..runs {
         if watch.stop.load(Ordering::Relaxed) {
-            return Ok(None);
+            break;
         }
         bench.redraw((frequency as u64 * PLACES + place) * runs + run);
         let records = identification_profile(&mut bench, settings, FREQUENCIES_HZ[frequency])?;
@@ -184,7 +187,7 @@ fn at_place(
         found.push(fit(stage, bench.carriage.drawn_friction(), &records, place, name, false));
         (watch.finished)(1);
     }
-    Ok(Some(found))
+    Ok(found)
 }
 
 /// Finds an amplitude and plays the profile with it, at the force summing node.
@@ -192,7 +195,7 @@ fn identification_profile(bench: &mut FastBench, settings: &Settings, hz: f32) -
     let mut amplitude_n = super::experiments::gains(settings).kp_n_per_m * FIRST_ERROR_M;
     let highest_hz = FREQUENCIES_HZ.iter().copied().fold(0.0, f32::max);
     for _ in 0..ATTEMPTS {
-        let tried = play(bench, settings, DecayingSine::new(amplitude_n as f32, highest_hz, 1, 1.0)?)?;
+        let tried = play(bench, settings, profile(amplitude_n, highest_hz, 1, 1.0))?;
         let positions = || tried.iter().map(|record| record.position);
         let span_ct = positions().max().zip(positions().min()).map_or(0, |(high, low)| high.minus(low));
         if f64::from(span_ct) * settings.encoder_count_m >= SPAN_M {
@@ -200,15 +203,28 @@ fn identification_profile(bench: &mut FastBench, settings: &Settings, hz: f32) -
         }
         amplitude_n *= RAISE;
     }
-    play(bench, settings, DecayingSine::new(amplitude_n as f32, hz, PERIODS, END_SHARE)?)
+    play(bench, settings, profile(amplitude_n, hz, PERIODS, END_SHARE))
 }
 
-/// Plays a profile of force and rests; the records of the profile.
-fn play(bench: &mut FastBench, settings: &Settings, mut profile: DecayingSine) -> Result<Vec<TickRecord>, Refusal> {
-    let mut records = Vec::with_capacity(profile.ticks() as usize);
-    while let Some(force_n) = profile.advance() {
-        let added_a = f64::from(force_n) / settings.force_constant_n_per_a;
-        records.push(operational(bench.tick_disturbed(None, added_a).record)?);
+fn profile(amplitude_n: f64, frequency_hz: f32, periods: u32, end_share: f32) -> Shape {
+    Shape::DecayingSine { amplitude: amplitude_n as f32, frequency_hz, periods, end_share }
+}
+
+/// Has the drive play a profile of force, and rests; the records of the profile.
+fn play(bench: &mut FastBench, settings: &Settings, shape: Shape) -> Result<Vec<TickRecord>, Refusal> {
+    let current_a = settings.current_limit_a as f32;
+    let request =
+        measure::Request { shape, node: Node::Force, travel_m: TRAVEL_M, speed_m_per_s: SPEED_M_PER_S, current_a };
+    let mut command = Some(Command::Excite(measure::Order::new(&request, settings.encoder_count_m)?));
+    let mut records = Vec::new();
+    loop {
+        let output = bench.tick(command.take());
+        output.outcome.unwrap_or(Ok(()))?;
+        let record = operational(output.record)?;
+        if record.flags & flags::EXCITED == 0 {
+            break;
+        }
+        records.push(record);
     }
     rest(bench, REST_TICKS)?;
     Ok(records)
@@ -239,9 +255,9 @@ fn settle(
     number: u64,
     left: u64,
     watch: Watch,
-) -> Result<Option<Found>, Refusal> {
+) -> Result<Found, Refusal> {
     if watch.stop.load(Ordering::Relaxed) {
-        return Ok(None);
+        return Ok(Vec::new());
     }
     let case = Case {
         name: "pid".to_owned(),
@@ -270,7 +286,7 @@ fn settle(
         })
         .collect();
     (watch.finished)(found.len() as u64);
-    Ok(Some(found))
+    Ok(found)
 }
 
 /// Dahl's model fitted to what the drive recorded.
@@ -327,6 +343,14 @@ fn determined(found: &DahlFit) -> Result<(), DataError> {
         undetermined(format!("the model leaves {:.1} % of F_C", share * 100.0))
     } else {
         Ok(())
+    }
+}
+
+impl Study {
+    /// Runs that were made, fitted or refused.
+    pub fn made(&self) -> u64 {
+        let groups = self.profiles.iter().chain([&self.settling]);
+        groups.map(|group| group.fits.len() as u64 + group.refused.values().sum::<u64>()).sum()
     }
 }
 

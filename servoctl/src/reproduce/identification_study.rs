@@ -80,7 +80,9 @@ pub struct IdentificationStudy {
     pub origin: &'static str,
     /// Seed of friction and noise.
     pub seed: u64,
-    /// Runs at each place and frequency.
+    /// Whether every run was made.
+    pub complete: bool,
+    /// Runs at each place and frequency that were asked for.
     pub runs: u64,
     /// Places.
     pub places: u64,
@@ -98,7 +100,7 @@ pub struct IdentificationStudy {
     pub plant: Stage,
 }
 
-/// Runs the study; nothing if it was stopped.
+/// Runs the study. Ended from outside, it is of the runs that are finished; nothing if there are none.
 ///
 /// # Errors
 /// What the drive refuses.
@@ -109,9 +111,12 @@ pub fn run(
     seed: u64,
     watch: Watch,
 ) -> Result<Option<IdentificationStudy>, Refusal> {
-    let Some(Study { profiles, settling, settings }) = identification::run(stage, runs, steps, seed, watch)? else {
+    let study = identification::run(stage, runs, steps, seed, watch)?;
+    let made = study.made();
+    if made == 0 {
         return Ok(None);
-    };
+    }
+    let Study { profiles, settling, settings } = study;
     let names = FREQUENCIES_HZ.map(|hz| format!("{hz} Hz"));
     let table_1 = profiles.iter().zip(names).zip(TABLE_1);
     let table_1 = table_1.map(|((group, name), thesis)| Column::new(name, &[group], thesis)).collect();
@@ -125,6 +130,7 @@ pub fn run(
         thesis_section: "6.2, 6.3",
         origin: ORIGIN,
         seed,
+        complete: made == identification::pieces(runs, steps),
         runs,
         places: PLACES,
         table_1,
@@ -202,7 +208,8 @@ impl IdentificationStudy {
         let refused: String = refused.map(|(why, count)| format!("refused {count}: {why}\n")).collect();
         let notes: String = self.notes.iter().map(|note| format!("Note: {note}\n")).collect();
         let [by_frequency, by_method] = self.tables();
-        by_frequency.to_text() + "\n" + &by_method.to_text() + &refused + "\n" + &notes
+        let unfinished = if self.complete { "" } else { "\nNot complete: ended before the last run was finished.\n" };
+        by_frequency.to_text() + "\n" + &by_method.to_text() + &refused + "\n" + &notes + unfinished
     }
 
     /// Tables 1 and 2, the thesis' numbers beside ours.
@@ -234,7 +241,7 @@ impl IdentificationStudy {
         ];
         let mut table = Table { text_columns: 2, ..Table::new(caption, &header) };
         let show = |m: Moments| format!("{} ± {}", number(m.mean, 2), number(m.std, 2));
-        for column in columns {
+        for column in columns.iter().filter(|column| column.fits > 0) {
             for (name, parameter) in [("σ / N/µm", column.sigma_n_per_um), ("F_C / N", column.coulomb_n)] {
                 table = table.row([
                     column.name.clone(),
@@ -273,7 +280,19 @@ mod tests {
             }
             assert!(column.worst_mse_n2 < 0.1067, "{}: {}", column.name, column.worst_mse_n2);
         }
+        assert!(study.complete);
         // The same seed, the same numbers.
         assert_eq!(run(&Stage::default(), 3, 20, 1, Watch::NOBODY).unwrap().unwrap(), study);
+    }
+
+    #[test]
+    fn ended_early_it_keeps_the_runs_that_are_finished() {
+        let stop = std::sync::atomic::AtomicBool::new(false);
+        let finished = |_| stop.store(true, std::sync::atomic::Ordering::Relaxed);
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+        let watch = Watch { stop: &stop, finished: &finished };
+        let study = pool.install(|| run(&Stage::default(), 2, 10, 1, watch)).unwrap().unwrap();
+        assert!(!study.complete && study.table_1[0].fits == 1 && study.table_1[1].fits == 0);
+        assert!(study.to_text().contains("Not complete"), "{}", study.to_text());
     }
 }

@@ -14,7 +14,7 @@ use servo_host_tests::tuning::{self, HIGH_PERFORMANCE, STANDARD};
 use servo_sim::Stage;
 
 use super::campaign::Watch;
-use super::experiments::{appendix_e, with};
+use super::experiments::{appendix_e, gains, with};
 use super::outcome::ORIGIN;
 use super::words::plant;
 use crate::settling::round_to;
@@ -52,6 +52,10 @@ pub struct LoopTransmission {
     pub figure_15: Vec<Curve>,
     /// Section 8.2: PID of the second tuning, and NIASA with two stiffnesses and two rates, at several amplitudes.
     pub section_8_2: Vec<Curve>,
+    /// k_I of section 8.2's tuning (N/(m s)).
+    pub section_8_2_ki_n_per_m_s: f64,
+    /// The most that its cascade could have: k_P²/4k_D, both zeros real (N/(m s)).
+    pub section_8_2_ki_most_n_per_m_s: f64,
     /// Section 8.2: what the rate limit is for.
     pub stability: Vec<Stability>,
     /// The simulated hardware; friction as it stands here, without spread.
@@ -83,6 +87,8 @@ pub struct Curve {
     pub behaves_like: &'static str,
     /// Frequencies (Hz).
     pub frequency_hz: Vec<f64>,
+    /// Amplitude of the stage's motion (nm).
+    pub motion_nm: Vec<f64>,
     /// |L|.
     pub magnitude: Vec<f64>,
     /// Phase of L, −360 to 0 (°).
@@ -157,6 +163,8 @@ pub fn run(stage: &Stage, seed: u64, watch: Watch) -> Result<Option<LoopTransmis
             Ok(Some(curve))
         })
         .collect::<Result<_, Refusal>>()?;
+    let parallel = gains(&performance);
+    let most = parallel.kp_n_per_m * parallel.kp_n_per_m / (4.0 * parallel.kd_n_s_per_m);
     let Some(mut figure_15) = curves.into_iter().collect::<Option<Vec<Curve>>>() else { return Ok(None) };
     let section_8_2 = figure_15.split_off(FIGURE_15_PERCENT.len());
     Ok(Some(LoopTransmission {
@@ -166,6 +174,8 @@ pub fn run(stage: &Stage, seed: u64, watch: Watch) -> Result<Option<LoopTransmis
         seed,
         figure_15,
         section_8_2,
+        section_8_2_ki_n_per_m_s: round_to(parallel.ki_n_per_m_s, 0),
+        section_8_2_ki_most_n_per_m_s: round_to(most, 0),
         stability: stability(&stage, seed, &performance)?,
         plant: stage,
     }))
@@ -192,17 +202,19 @@ fn measure(stage: &Stage, seed: u64, sweep: &Sweep) -> Result<Curve, Refusal> {
     let amplitude_a = sweep.amplitude_percent / 100.0 * stage.amplifier.full_scale_a;
     let (low_hz, high_hz, count) = SWEEP;
     let mut points: Vec<(f64, Complex)> = Vec::with_capacity(count);
+    let mut motion_nm = Vec::with_capacity(count);
     for i in 0..count {
         let hz = low_hz * libm::pow(high_hz / low_hz, i as f64 / (count - 1) as f64);
         let mut bench = enabled(stage, &sweep.settings, seed)?;
         // A tone that the drive refuses to follow leaves a gap.
         if let Ok(response) = play(&mut bench, &Tone::near(hz, amplitude_a, SHORTEST_S), LEAD_TICKS) {
             points.push((response.frequency_hz, response.loop_transmission));
+            motion_nm.push(round_to(response.position_m * 1e9, 2));
         }
     }
     let crossings = crossings(&points);
     let spring_n_per_m = 2.0 * stage.friction.stiffness_n_per_m;
-    let on_spring = super::experiments::gains(&sweep.settings).kp_n_per_m / spring_n_per_m;
+    let on_spring = gains(&sweep.settings).kp_n_per_m / spring_n_per_m;
     let low = points.iter().min_by(|a, b| (a.0 - LOW_HZ).abs().total_cmp(&(b.0 - LOW_HZ).abs()));
     let low_gain_per_spring = low.map_or(0.0, |(_, l)| l.abs() / on_spring);
     let resonance = points
@@ -221,6 +233,7 @@ fn measure(stage: &Stage, seed: u64, sweep: &Sweep) -> Result<Curve, Refusal> {
         low_gain_per_spring: round_to(low_gain_per_spring, 3),
         behaves_like: if low_gain_per_spring > BROKEN_AWAY { "mass" } else { "spring" },
         frequency_hz: points.iter().map(|p| round_to(p.0, 4)).collect(),
+        motion_nm,
         magnitude: points.iter().map(|p| round_to(p.1.abs(), 6)).collect(),
         phase_deg: points.iter().map(|p| round_to(lag_deg(p.1), 3)).collect(),
     })

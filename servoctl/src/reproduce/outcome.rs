@@ -1,13 +1,12 @@
 //! What an experiment gave: statistics, tables, JSON.
 
-use std::collections::BTreeMap;
+mod json;
 
-use serde::ser::SerializeMap;
-use serde::{Serialize, Serializer};
+use serde::Serialize;
 use servo_core::SERVO_HZ;
 use servo_core::compensator::Compensator;
-use servo_core::parameters::{Settings, TABLE};
-use servo_core::record::Fingerprint;
+use servo_core::fingerprint::Fingerprint;
+use servo_core::parameters::Settings;
 use servo_sim::Stage;
 
 use super::campaign::Passes;
@@ -23,7 +22,7 @@ use crate::table::{Conditions, MISSING, Table, number, settling_table};
 pub const ORIGIN: &str = "simulated (drive of servo-core on the carriage of servo-sim)";
 
 /// An experiment's result, as it is printed and written.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Outcome {
     /// Name as typed.
     pub experiment: String,
@@ -40,16 +39,12 @@ pub struct Outcome {
     /// Fingerprint of every move's result: the same on any computer, in debug and release.
     pub results_hash: String,
     /// How the configurations were tuned, where they were.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub search: Option<Search>,
     /// What the thesis says of the compensators, and what was found.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
     pub claims: Vec<Claim>,
-    /// The only comparison; its fields stand at this level.
-    #[serde(flatten)]
+    /// The only comparison; in JSON its fields stand at this level.
     pub only: Option<Run>,
-    /// The comparisons of an experiment with several tunings or mass errors.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
+    /// The comparisons of an experiment with several tunings or mass errors; in JSON each says for itself what it is a part of.
     pub runs: Vec<Run>,
 }
 
@@ -59,7 +54,7 @@ pub struct Run {
     /// Name within the experiment; empty if it is the only one.
     pub name: String,
     /// Settling times: moves, tolerances, configurations, reduction of the second against the first.
-    #[serde(flatten, serialize_with = "without_configs")]
+    #[serde(flatten, serialize_with = "json::without_configs")]
     pub settling: SettlingExperiment,
     /// The configurations with what belongs to them.
     pub configs: Vec<ConfigOutcome>,
@@ -95,7 +90,7 @@ pub struct ConfigOutcome {
     /// Unrest that stays: standard deviation about those means (nm).
     pub restless_nm: Option<f64>,
     /// Every parameter of the drive.
-    #[serde(serialize_with = "by_name")]
+    #[serde(serialize_with = "json::by_name")]
     pub parameters: Settings,
 }
 
@@ -279,21 +274,21 @@ impl Run {
             self.configs[0].settling.name,
             self.conditions().caption(self.settling.moves)
         );
-        let mut header = vec!["configuration".to_owned()];
+        let mut header = vec!["configuration".to_owned(), "unsettled".to_owned()];
         header.extend(self.settling.tolerances_nm.iter().map(|nm| format!("±{nm} nm")));
-        header.push("unsettled".to_owned());
         let header: Vec<&str> = header.iter().map(String::as_str).collect();
         self.configs.iter().enumerate().fold(Table::new(caption, &header), |table, (index, config)| {
             let cell = |t: usize| {
                 let Some(mean_ms) = config.typical_ms(t) else { return MISSING.to_owned() };
                 let reduction = config.reduction_percent[t].filter(|_| index > 0);
-                number(mean_ms, 1) + &reduction.map_or(String::new(), |r| format!(" ({} %)", number(r, 0)))
+                let mean = number(mean_ms, if mean_ms < 100.0 { 1 } else { 0 });
+                mean + &reduction.map_or(String::new(), |r| format!(" ({} %)", number(r, 0)))
             };
             let cells = (0..self.settling.tolerances_nm.len()).map(cell);
             let mut unsettled: Vec<String> = config.settling.unsettled.iter().map(usize::to_string).collect();
             unsettled.dedup();
             let name = std::iter::once(config.settling.name.clone());
-            table.row(name.chain(cells).chain([unsettled.join(" / ")]))
+            table.row(name.chain([unsettled.join(" / ")]).chain(cells))
         })
     }
 }
@@ -349,7 +344,7 @@ impl ConfigOutcome {
 pub fn results_hash(passes: &Passes) -> String {
     let text = serde_json::to_string(passes).unwrap_or_default();
     let words: Vec<u32> = text.bytes().map(u32::from).collect();
-    format!("{:016x}", Fingerprint::default().with(&words).0)
+    format!("{:016x}", Fingerprint::default().with_words(&words).0)
 }
 
 impl TuningOutcome {
@@ -381,19 +376,4 @@ impl StepOutcome {
             dwell_s: steps.dwell_s,
         }
     }
-}
-
-/// A settling experiment without its configurations, which stand beside it in full.
-fn without_configs<S: Serializer>(experiment: &SettlingExperiment, serializer: S) -> Result<S::Ok, S::Error> {
-    let mut map = serializer.serialize_map(None)?;
-    map.serialize_entry("moves", &experiment.moves)?;
-    map.serialize_entry("tolerances_nm", &experiment.tolerances_nm)?;
-    map.serialize_entry("reduction_percent", &experiment.reduction_percent)?;
-    map.end()
-}
-
-/// Parameters by their names, which carry the units.
-fn by_name<S: Serializer>(settings: &Settings, serializer: S) -> Result<S::Ok, S::Error> {
-    let named: BTreeMap<&str, f64> = TABLE.iter().map(|p| (p.name, p.get(settings))).collect();
-    named.serialize(serializer)
 }

@@ -3,8 +3,8 @@
 use std::collections::BTreeSet;
 
 use serde::{Deserialize, Serialize};
+use servo_core::fingerprint::Fingerprint;
 use servo_core::parameters::TABLE;
-use servo_core::record::Fingerprint;
 
 use super::campaign::{Passes, Shard};
 use super::experiments::{Plan, Request};
@@ -95,7 +95,7 @@ impl ShardFile {
 pub fn fingerprint(plan: &Plan) -> String {
     let bits = plan.campaign.cases.iter().flat_map(|case| TABLE.iter().map(|p| p.get(&case.settings).to_bits()));
     let words: Vec<u32> = bits.flat_map(|bits| [bits as u32, (bits >> 32) as u32]).collect();
-    format!("{:016x}", Fingerprint::default().with(&words).0)
+    format!("{:016x}", Fingerprint::default().with_words(&words).0)
 }
 
 /// Joins named parts: the passes of the whole, as if they had been computed at once.

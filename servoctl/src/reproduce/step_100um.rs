@@ -39,6 +39,11 @@ const SLOW: f64 = 1.5;
 /// Friction of the linear stage, as a share of the stage's.
 const LINEAR_SHARE: f64 = 1e-4;
 
+/// Friction with which the step is repeated, as shares of the stage's F_C.
+const LESS: [f64; 5] = [1.0, 0.5, 0.25, 0.15, 0.08];
+/// Extremes that are shown of those.
+const SHOWN: usize = 5;
+
 /// Moves with friction of their own if nothing else is asked for.
 pub const MOVES: u64 = 50;
 
@@ -67,8 +72,21 @@ pub struct Step100Um {
     pub linear_finding: Option<Finding>,
     /// The same of steps with friction drawn for each.
     pub redrawn: Vec<Option<Finding>>,
+    /// The step with less and less friction.
+    pub by_friction: Vec<LessFriction>,
     /// The simulated hardware.
     pub plant: Stage,
+}
+
+/// The extremes of the step on a stage with less friction.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct LessFriction {
+    /// F_C (N).
+    pub coulomb_n: f64,
+    /// F_C/k_P (nm).
+    pub stuck_within_nm: f64,
+    /// Extremes, the first ones (nm from the target).
+    pub extreme_nm: Vec<f64>,
 }
 
 /// A step and the extremes of its swing.
@@ -127,6 +145,17 @@ pub fn run(stage: &Stage, moves: u64, seed: u64, watch: Watch) -> Result<Option<
             Ok(Some(found))
         })
         .collect::<Result<_, Refusal>>()?;
+    let less = |share: f64| {
+        let mut stage = nominal;
+        stage.friction.coulomb_n *= share;
+        stage.friction.static_n = stage.friction.static_n.map(|static_n| share * static_n);
+        let coulomb_n = stage.friction.coulomb_n;
+        let mut extreme_nm = self::swing(&stage, &settings, seed, 0)?.extreme_nm;
+        extreme_nm.truncate(SHOWN);
+        let stuck_within_nm = round_to(coulomb_n / gains(&settings).kp_n_per_m * 1e9, 1);
+        Ok(LessFriction { coulomb_n: round_to(coulomb_n, 4), stuck_within_nm, extreme_nm })
+    };
+    let by_friction: Vec<LessFriction> = LESS.par_iter().map(|share| less(*share)).collect::<Result<_, Refusal>>()?;
     let Some(redrawn) = redrawn.into_iter().collect::<Option<Vec<_>>>() else { return Ok(None) };
     Ok(Some(Step100Um {
         experiment: "step-100um",
@@ -140,6 +169,7 @@ pub fn run(stage: &Stage, moves: u64, seed: u64, watch: Watch) -> Result<Option<
         linear_leg_ms: round_to(linear_leg_ms, 3),
         stuck_within_nm: round_to(stage.friction.coulomb_n / gains(&settings).kp_n_per_m * 1e9, 1),
         redrawn,
+        by_friction,
         plant: nominal,
     }))
 }
@@ -229,7 +259,7 @@ fn finding(swing: &Swing, linear_leg_ms: f64) -> Option<Finding> {
 impl Step100Um {
     /// The tables for a terminal.
     pub fn to_text(&self) -> String {
-        [self.extremes_table(), self.finding_table()].map(|table| table.to_text()).join("\n")
+        [self.extremes_table(), self.finding_table(), self.friction_table()].map(|table| table.to_text()).join("\n")
     }
 
     /// Extremes of both swings.
@@ -257,6 +287,20 @@ impl Step100Um {
                 [cell(swing.extreme_ms.get(i).copied(), 1), cell(swing.extreme_nm.get(i).copied(), 0), cell(leg, 1)]
             });
             table.row(std::iter::once((i + 1).to_string()).chain(cells))
+        })
+    }
+
+    /// Where the swing ends with less friction.
+    pub fn friction_table(&self) -> Table {
+        let caption = format!(
+            "The first {SHOWN} extremes of the same step with less friction, nm from the target; the thesis' last are 3810, −637, 115 and \
+             19 nm: {ORIGIN}, PID 100 Hz / 45°, {}",
+            plant(&self.plant)
+        );
+        let table = Table::new(caption, &["F_C / N", "F_C/k_P / nm", "extremes / nm"]);
+        self.by_friction.iter().fold(table, |table, less| {
+            let extremes: Vec<String> = less.extreme_nm.iter().map(|nm| number(*nm, 0)).collect();
+            table.row([number(less.coulomb_n, 2), number(less.stuck_within_nm, 0), extremes.join(", ")])
         })
     }
 

@@ -314,7 +314,7 @@ impl Work<'_> {
         let watch = Watch { stop: self.observer.stop(), finished: &finished };
         let study = identification_study::run(&request.stage, runs, steps, request.seed, watch)?;
         drop(finished);
-        let Some(study) = study else { return Ok(None) };
+        let Some(study) = study.filter(|study| study.complete) else { return Ok(None) };
         self.keep("identification-study", &study)?;
         Ok(Some(identification::section(&study)))
     }

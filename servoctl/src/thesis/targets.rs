@@ -203,7 +203,7 @@ impl Target {
             Target::Profiles => (
                 "9.1, 9.2, 9.4",
                 "profiles of 5 mm at 1 and 10 m/s², 5 µm at 100 mm/s² (50 nm at 1 mm/s²)",
-                "143, 46, 15 ms; peak speed 223.5 mm/s at 10 m/s², 698 µm/s for 5 µm",
+                "143, 46, 15 ms; peak speed about 70 mm/s at 1 m/s², 223.5 mm/s at 10 m/s², 698 µm/s for 5 µm",
             ),
             Target::FirstExperiment => (
                 "9.1",

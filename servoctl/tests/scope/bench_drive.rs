@@ -13,7 +13,7 @@ use servo_core::config::Config;
 use servo_core::drive::Command;
 use servo_core::parameters::{Access, Parameter, Settings, TABLE};
 use servo_core::position::Position;
-use servo_core::record::{TickRecord, flags};
+use servo_core::record::TickRecord;
 use servo_core::refusal::Refusal;
 use servo_host_tests::{Bench, tuning};
 use servo_protocol::frame::{MAX_FRAME, encode};
@@ -173,22 +173,8 @@ impl BenchDrive {
     }
 
     fn status(&self) -> Status {
-        let (record, drive) = (&self.record, self.bench.axis.drive());
-        Status {
-            tick: record.sequence,
-            state: record.state,
-            fault: record.fault,
-            moving: record.flags & flags::MOVING != 0,
-            position_ct: record.position.0,
-            error_ct: record.error_ct,
-            force_n: record.force_n,
-            bus_v: record.bus_v,
-            counters: drive.counters(),
-            capture: self.bench.axis.capture().progress(),
-            bad_requests: self.server.unreadable(),
-            lost_records: 0,
-            lost_blocks: 0,
-        }
+        let (counters, capture) = (self.bench.axis.drive().counters(), self.bench.axis.capture().progress());
+        Status { bad_requests: self.server.unreadable(), ..Status::of(&self.record, counters, capture) }
     }
 }
 

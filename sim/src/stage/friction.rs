@@ -161,8 +161,7 @@ impl FrictionModel {
     fn keys(self) -> (&'static [&'static str], &'static [&'static str]) {
         match self {
             FrictionModel::MaxwellSlip => (&["stiffness_n_per_m", "coulomb_n"], &["elements", "spread"]),
-            // `elements` does nothing here; it may stay when one word of the file changes.
-            FrictionModel::Dahl => (&["stiffness_n_per_m", "coulomb_n"], &["elements", "shape", "spread"]),
+            FrictionModel::Dahl => (&["stiffness_n_per_m", "coulomb_n"], &["shape", "spread"]),
             FrictionModel::Gms => (
                 &[],
                 &[
@@ -295,8 +294,8 @@ impl File {
         for (key, values, most) in
             [("element_stiffness_n_per_m", stiffness, 1e9), ("element_saturation_n", saturation, 1e4)]
         {
-            if let Some(value) = values.iter().find(|value| !(1e-6..=most).contains(*value)) {
-                return misfit(key, format!("{value:?} is outside 1e-6 to {most:?}"));
+            if let Some((i, value)) = values.iter().enumerate().find(|(_, value)| !(1e-6..=most).contains(*value)) {
+                return misfit(&format!("{key}[{i}]"), format!("{value:?} is outside 1e-6 to {most:?}"));
             }
         }
         let pairs = stiffness.iter().zip(saturation);

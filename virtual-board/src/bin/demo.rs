@@ -59,7 +59,7 @@ fn main() -> Result<()> {
     let stage = read_stage(arguments.stage.as_deref())?;
     let elf = Elf::find(arguments.elf.as_deref())?;
     let settings = tuning::settings(&stage, &tuning::STANDARD)?;
-    let say = Say { quiet: arguments.json.as_deref() == Some(Path::new("-")) };
+    let say = Say { json_on_stdout: arguments.json.as_deref() == Some(Path::new("-")) };
 
     let config = Config { stage, seed: arguments.seed, ..Config::default() };
     say.line(&format!("Booting {} on the virtual NUCLEO-H743ZI2", elf.path().display()));
@@ -117,7 +117,7 @@ fn main() -> Result<()> {
     say.line(&format!("Report: {}", arguments.report.display()));
     if let Some(path) = &arguments.json {
         let json = data.run.to_json()? + "\n";
-        if say.quiet {
+        if say.json_on_stdout {
             print!("{json}");
         } else {
             std::fs::write(path, json).with_context(|| format!("writing {}", path.display()))?;
@@ -251,12 +251,12 @@ fn command(arguments: &Arguments) -> String {
 
 /// What a person reads while it runs: on standard error if standard output is for the JSON.
 struct Say {
-    quiet: bool,
+    json_on_stdout: bool,
 }
 
 impl Say {
     fn line(&self, text: &str) {
-        if self.quiet { eprintln!("{text}") } else { println!("{text}") }
+        if self.json_on_stdout { eprintln!("{text}") } else { println!("{text}") }
     }
 
     fn log(&self, board: &mut VirtualBoard) -> Result<()> {

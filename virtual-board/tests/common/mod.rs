@@ -1,14 +1,16 @@
 //! What the tests of this crate share: one snapshot after boot, from which every test starts.
 #![allow(dead_code, reason = "every test binary uses another part")]
 
+use std::cell::Cell;
 use std::sync::OnceLock;
 use std::time::Duration;
 
-use servo_core::parameters::Settings;
+use servo_core::parameters::{Parameter, Settings};
 use servo_core::profile::Limits;
 use servo_core::state::State;
+use servo_protocol::black_box::WORDS;
 use servo_protocol::message::{Reply, Request, Status};
-use servo_virtual_board::{Config, Elf, Link, LogLine, ParameterSectors, Session, Snapshot, VirtualBoard};
+use servo_virtual_board::{Config, Elf, Error, Link, LogLine, ParameterSectors, Session, Snapshot, VirtualBoard};
 
 /// The converters' calibration and the start-up take 76 ms.
 pub const BOOT: Duration = Duration::from_millis(150);
@@ -32,6 +34,29 @@ pub fn commissioned() -> &'static ParameterSectors {
 /// A board with these parameters, stage and processor as built in.
 pub fn config() -> Config {
     Config { parameters: commissioned().clone(), ..Config::default() }
+}
+
+/// Longest wait for a drive that has to erase a sector before it starts.
+const PATIENCE_NS: u64 = 5_000_000_000;
+
+/// A drive that starts with these parameters, answering.
+pub fn started(parameters: ParameterSectors) -> Session {
+    let mut board = VirtualBoard::boot(&elf(), &Config { parameters, ..Config::default() }).unwrap();
+    board.run_for(BOOT).unwrap();
+    let mut link = Link::new();
+    loop {
+        match link.request(&mut board, &Request::Identity) {
+            Ok(_) => return Session::new(board),
+            Err(Error::NoReply { .. }) if board.time_ns() < PATIENCE_NS => {}
+            Err(error) => panic!("{error}"),
+        }
+    }
+}
+
+/// Sets one parameter.
+pub fn set(session: &mut Session, name: &str, value: f64) {
+    let id = Parameter::by_name(name).unwrap().id;
+    session.order(&Request::SetParameters([(id, value)].into_iter().collect())).unwrap();
 }
 
 /// The state after boot, and what had been logged by then.
@@ -78,4 +103,19 @@ pub fn status(board: &mut VirtualBoard, link: &mut Link) -> Status {
 pub fn five_mm() -> Request {
     let limits = Limits { velocity_m_per_s: 0.5, acceleration_m_per_s2: 1.0, jerk_m_per_s3: None };
     Request::Move { target_ct: 81_920_000, limits }
+}
+
+/// The memory of the black box, read over the link.
+pub fn black_box(board: &mut VirtualBoard, link: &mut Link) -> Vec<Cell<u32>> {
+    let mut all = Vec::new();
+    while all.len() < WORDS {
+        let first = all.len() as u32;
+        match link.request(board, &Request::ReadBlackBox { first }).unwrap() {
+            Reply::BlackBox { first: told, words } if told == first && !words.is_empty() => {
+                all.extend(words.into_iter().map(Cell::new));
+            }
+            other => panic!("{other:?}"),
+        }
+    }
+    all
 }

@@ -89,8 +89,8 @@ impl Options {
 /// # Errors
 /// A refusal, a fault on the way, a file that cannot be written; those of the link.
 pub fn run(link: &Link, options: &Options) -> Result<ExitCode> {
-    let interrupted = interrupt::flag_saying("braking; Ctrl-C again leaves the drive to itself")?;
     let mut connected = link.connect()?;
+    let interrupted = interrupt::flag_saying("braking; Ctrl-C again leaves the drive to itself")?;
     let settings = connected.drive.parameters()?;
     let order = options.order(&settings)?;
     connected.drive.arm_capture(order)?;
@@ -108,7 +108,9 @@ pub fn run(link: &Link, options: &Options) -> Result<ExitCode> {
         }
     }
     let capture = read(&mut drive)?;
-    let trigger = format!("{:?} at tick {}, time 0", options.trigger, capture.complete.tick);
+    let trigger = options.trigger.to_possible_value();
+    let trigger = trigger.as_ref().map_or("", |value| value.get_name());
+    let trigger = format!("{trigger} at tick {}, time 0", capture.complete.tick);
     let head = Head::new(&drive, &settings, options.every, &trigger);
     let names: Vec<&str> = order.words.numbers().map(|number| COLUMNS[number].0).collect();
     let columns = names.iter().map(|name| capture.column(name).unwrap_or_default()).collect::<Vec<_>>();

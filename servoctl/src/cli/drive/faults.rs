@@ -5,7 +5,7 @@ use serde_json::json;
 use servo_protocol::message::Request;
 
 use super::super::output::Json;
-use super::Link;
+use super::{Link, black_box};
 
 /// Options of `faults`.
 #[derive(Debug, clap::Args)]
@@ -23,6 +23,8 @@ enum Action {
     Clear,
     /// Show the first fault since the last acknowledgement
     Last,
+    /// Show the ticks around the fault, and whether this program computes the same from what the drive was told
+    Blackbox(black_box::Options),
 }
 
 /// Shows or acknowledges.
@@ -30,6 +32,9 @@ enum Action {
 /// # Errors
 /// A cause that persists; those of the link.
 pub fn run(link: &Link, options: &Options) -> Result<()> {
+    if let Some(Action::Blackbox(wanted)) = &options.action {
+        return black_box::run(link, wanted, &options.json);
+    }
     let mut drive = link.connect()?.drive;
     if matches!(options.action, Some(Action::Clear)) {
         drive.order(&Request::ResetFault)?;

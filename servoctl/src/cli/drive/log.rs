@@ -1,14 +1,16 @@
 //! `servoctl log`: the firmware's log.
 
-use std::io::{ErrorKind, Read, Seek, SeekFrom, Write};
-use std::path::PathBuf;
+use std::io::{Read, Seek, SeekFrom};
+use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use anyhow::{Context, Result, bail};
+use serde_json::json;
 
 use super::super::interrupt;
+use super::super::output::Json;
 use super::Link;
 use crate::link::virtual_drive;
 
@@ -21,6 +23,8 @@ pub struct Options {
     /// For a board: the ELF that is on it, whose table decodes the log
     #[arg(long)]
     elf: Option<PathBuf>,
+    #[command(flatten)]
+    json: Json,
 }
 
 /// How often the file is looked at.
@@ -41,25 +45,28 @@ pub fn run(link: &Link, options: &Options) -> Result<()> {
             )?;
             if status.success() { Ok(()) } else { bail!("probe-rs ended with {status}") }
         }
-        None if link.port.is_none() => print_file(&virtual_drive::log_file(), options.follow),
+        None if link.port.is_none() => print_file(&virtual_drive::log_file(), options),
         None => bail!("a board's log comes through its debug probe: name the firmware with --elf FILE"),
     }
 }
 
-fn print_file(path: &PathBuf, follow: bool) -> Result<()> {
+fn print_file(path: &Path, options: &Options) -> Result<()> {
     let mut file = std::fs::File::open(path).with_context(|| {
         format!("no log of a virtual drive at {}: `servoctl --virtual info` starts one", path.display())
     })?;
     let ended = interrupt::flag()?;
-    let mut out = std::io::stdout().lock();
+    let mut out = options.json.lines()?;
+    let mut text = String::new();
     loop {
-        let mut text = Vec::new();
-        file.read_to_end(&mut text).with_context(|| format!("reading {}", path.display()))?;
-        match out.write_all(&text).and_then(|()| out.flush()) {
-            Err(error) if error.kind() == ErrorKind::BrokenPipe => return Ok(()),
-            other => other.context("cannot write to standard output")?,
+        file.read_to_string(&mut text).with_context(|| format!("reading {}", path.display()))?;
+        // What is being written now has no end yet.
+        while let Some(end) = text.find('\n') {
+            let line: String = text.drain(..=end).collect();
+            if !out.write(&json!({ "line": line.trim_end() }), || line.clone())? {
+                return Ok(());
+            }
         }
-        if !follow || ended.load(Ordering::Relaxed) {
+        if !options.follow || ended.load(Ordering::Relaxed) {
             return Ok(());
         }
         std::thread::sleep(LOOK);

@@ -1,5 +1,6 @@
 //! Commands that talk to a drive: which drive, and what they share.
 
+pub mod black_box;
 pub mod capture;
 pub mod faults;
 pub mod identity;
@@ -75,12 +76,15 @@ fn discover() -> Result<Connected> {
     let mut found = serial_ports()?;
     let running = background::find();
     found.extend(running.iter().map(|address| (address.clone(), "virtual drive".to_owned())));
-    match &found[..] {
-        [(address, what)] => {
-            eprintln!("using {address} ({what})");
-            let is_virtual = running.as_ref() == Some(address);
-            Ok(Connected { drive: connect(address)?, is_virtual })
-        }
+    let (address, what) = only(&found)?;
+    eprintln!("using {address} ({what})");
+    Ok(Connected { drive: connect(address)?, is_virtual: running.as_ref() == Some(address) })
+}
+
+/// The one that there is: address and description.
+fn only(found: &[(String, String)]) -> Result<&(String, String)> {
+    match found {
+        [one] => Ok(one),
         [] => bail!("no drive found\n  plug one in, name it with --port DEVICE, or try --virtual"),
         several => {
             let list: String = several.iter().map(|(address, what)| format!("\n  --port {address}   {what}")).collect();
@@ -100,4 +104,18 @@ pub fn serial_ports() -> Result<Vec<(String, String)>> {
         _ => None,
     });
     Ok(usb.collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_single_drive_is_found_and_several_are_named() {
+        let found = ["/dev/ttyACM0", "tcp://127.0.0.1:5025"].map(|address| (address.to_owned(), "a drive".to_owned()));
+        assert_eq!(only(&found[..1]).unwrap(), &found[0]);
+        assert!(only(&[]).unwrap_err().to_string().contains("--virtual"));
+        let several = only(&found).unwrap_err().to_string();
+        assert!(found.iter().all(|(address, _)| several.contains(&format!("--port {address}"))), "{several}");
+    }
 }

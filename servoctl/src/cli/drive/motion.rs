@@ -3,7 +3,7 @@
 use std::process::ExitCode;
 use std::sync::atomic::Ordering;
 
-use anyhow::{Result, ensure};
+use anyhow::{Result, anyhow, ensure};
 use serde::Serialize;
 use servo_core::parameters::Settings;
 use servo_core::profile::Limits;
@@ -14,6 +14,7 @@ use super::super::interrupt;
 use super::super::output::Json;
 use super::settled::Report;
 use super::{Connected, Link};
+use crate::link::Error;
 use crate::link::units::{self, show_length};
 
 /// Acceleration of a move that names none, m/s²: that of the thesis' first experiment.
@@ -117,9 +118,15 @@ pub fn go(connected: &mut Connected, settings: &Settings, motion: &Motion, repor
             as f32,
         jerk_m_per_s3: motion.jerk.map(|jerk| jerk as f32),
     };
-    drive.order(&Request::Move { target_ct, limits })?;
     let go_on = || !interrupted.load(Ordering::Relaxed);
-    drive.wait_until("moving", u32::MAX / 2, |_| go_on(), |status| !status.moving)?;
+    if !go_on() {
+        return Ok(End::Stopped);
+    }
+    drive.order(&Request::Move { target_ct, limits })?;
+    eprintln!("moving to {}", show_length(target_ct as f64 * count_m));
+    drive
+        .wait_until("moving", u32::MAX / 2, |_| go_on(), |status| !status.moving)
+        .map_err(|error| left_alone(error, settings))?;
     if !go_on() {
         drive.order(&Request::Stop)?;
         let status = drive.wait_until("braking", u32::MAX / 2, |_| true, |status| !status.moving)?;
@@ -139,6 +146,19 @@ pub fn go(connected: &mut Connected, settings: &Settings, motion: &Motion, repor
         compensator: settings.compensator,
         settling,
     })))
+}
+
+/// The error, and what the drive does now if it cannot be reached any more.
+fn left_alone(error: Error, settings: &Settings) -> anyhow::Error {
+    if !matches!(error, Error::Broken(_) | Error::NoReply { .. }) {
+        return error.into();
+    }
+    let timeout_s = settings.command_timeout_s;
+    if timeout_s > 0.0 {
+        anyhow!("{error}\n  the drive ends the move by itself: its command_timeout_s is {timeout_s} s")
+    } else {
+        anyhow!("{error}\n  the drive finishes the move and holds its target: its command_timeout_s is 0")
+    }
 }
 
 impl Moved {

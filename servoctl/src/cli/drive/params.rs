@@ -91,14 +91,11 @@ pub fn run(link: &Link, options: &Options) -> Result<()> {
         }
         Action::Dump { output } => {
             let mut drive = link.connect()?.drive;
-            let text = dump(&drive.parameters()?, &drive);
-            match output {
-                None => {
-                    print!("{text}");
-                    Ok(())
-                }
-                Some(file) => std::fs::write(file, text).with_context(|| format!("writing {}", file.display())),
-            }
+            let settings = drive.parameters()?;
+            let text = dump(&settings, &drive);
+            let Some(file) = output else { return json.write(&values(TABLE, &settings), || text) };
+            std::fs::write(file, text).with_context(|| format!("writing {}", file.display()))?;
+            json.write(&json!({ "file": file }), || format!("{}: {} parameters\n", file.display(), TABLE.len()))
         }
         Action::Load { file: None } => {
             link.connect()?.drive.order(&Request::LoadParameters)?;
@@ -151,10 +148,17 @@ pub fn parse(name: &str, value: &str) -> Result<(u16, f64)> {
     Ok((row.id, value))
 }
 
+/// Names and values, for a program.
+fn values<'a>(rows: impl IntoIterator<Item = &'a Parameter>, settings: &Settings) -> BTreeMap<&'static str, f64> {
+    rows.into_iter().map(|row| (row.name, row.get(settings))).collect()
+}
+
 fn show(json: &Json, rows: &[&Parameter], settings: &Settings) -> Result<()> {
-    let value: BTreeMap<_, _> = rows.iter().map(|row| (row.name, row.get(settings))).collect();
-    json.write(&value, || match rows {
-        [row] => format!("{} = {} {}\n", row.name, row.get(settings), row.unit),
+    json.write(&values(rows.iter().copied(), settings), || match rows {
+        [row] => {
+            let unit = if row.unit.is_empty() { String::new() } else { format!(" {}", row.unit) };
+            format!("{} = {}{unit}\n", row.name, units::show_number(row.get(settings)))
+        }
         rows => rows
             .iter()
             .fold(

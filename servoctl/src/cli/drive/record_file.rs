@@ -5,9 +5,9 @@ use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
 use servo_core::SERVO_HZ;
+use servo_core::fingerprint::Fingerprint;
 use servo_core::parameters::{Settings, TABLE};
 use servo_core::record::{COLUMNS, Selection};
-use servo_protocol::program::Fingerprint;
 
 use crate::link::Drive;
 

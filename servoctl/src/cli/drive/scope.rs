@@ -6,8 +6,10 @@ use std::thread;
 use std::time::Duration;
 
 use anyhow::Result;
+use serde_json::json;
 
 use super::super::interrupt;
+use super::super::output::Json;
 use super::Link;
 use crate::scope::{Scope, assets};
 
@@ -23,6 +25,8 @@ pub struct Options {
     /// What the page's address ends with, so that nobody else can command the drive [default: random]
     #[arg(long)]
     token: Option<String>,
+    #[command(flatten)]
+    json: Json,
 }
 
 /// Connects, serves the page and prints its address; Ctrl-C brakes what moves and ends.
@@ -37,7 +41,7 @@ pub fn run(link: &Link, options: &Options) -> Result<()> {
     let link = link.clone();
     let connect = Box::new(move || first.take().map_or_else(|| link.connect(), Ok));
     let scope = Scope::start(connect, options.bind, options.token.clone())?;
-    println!("{}", scope.url());
+    options.json.write(&json!({ "url": scope.url() }), || format!("{}\n", scope.url()))?;
     eprintln!("open this address in a browser on this computer; the first page commands. Ctrl-C ends");
     while !interrupted.load(Ordering::Relaxed) {
         thread::sleep(LOOK);

@@ -77,11 +77,14 @@ pub fn run(link: &Link, options: &Options) -> Result<ExitCode> {
     let name = options.file.display();
     let text = std::fs::read_to_string(&options.file).with_context(|| format!("reading {name}"))?;
     let steps = read(&text).with_context(|| format!("{name}"))?;
-    let interrupted = interrupt::flag_saying("braking; Ctrl-C again leaves the drive to itself")?;
     let mut connected = link.connect()?;
+    let interrupted = interrupt::flag_saying("braking; Ctrl-C again leaves the drive to itself")?;
     let mut moves = Vec::new();
     let mut words = String::new();
     for (number, step) in std::iter::repeat_n(&steps, options.times as usize).flatten() {
+        if interrupted.load(Ordering::Relaxed) {
+            return Ok(ExitCode::from(interrupt::INTERRUPTED));
+        }
         let at = || format!("{name}, line {number}");
         match step {
             Step::Move { motion } => {

@@ -16,6 +16,9 @@ use super::Link;
 use super::record_file::{Head, selection, write};
 use crate::link::units;
 
+/// So often the drive is asked something while it streams, ticks.
+const ASK_TICKS: u32 = SERVO_HZ / 50;
+
 /// Options of `stream`.
 #[derive(Debug, clap::Args)]
 pub struct Options {
@@ -50,11 +53,15 @@ pub fn run(link: &Link, options: &Options) -> Result<ExitCode> {
     let most = options.length.map(|length_s| (length_s * f64::from(SERVO_HZ) / f64::from(options.every)) as u64);
     let (mut tally, mut times_s) = (Tally::default(), Vec::new());
     let mut columns = vec![Vec::new(); numbers.len()];
-    let mut first_tick = None;
+    let (mut first_tick, mut asked) = (None, drive.status()?.tick);
     drive.stream(order)?;
     while !ended.load(Ordering::Relaxed) && most.is_none_or(|most| tally.samples + tally.lost_samples < most) {
         let Some(block) = drive.next_block()? else { bail!("the stream fell silent after {} samples", tally.samples) };
         tally.count(&order, &block);
+        // Who only listens is not there, as its command time-out sees it.
+        if block.first_tick.wrapping_sub(asked) > ASK_TICKS {
+            asked = drive.status()?.tick;
+        }
         let first = *first_tick.get_or_insert(block.first_tick);
         for (index, sample) in block.samples(words).enumerate() {
             let tick = block.first_tick.wrapping_sub(first) + index as u32 * u32::from(options.every);

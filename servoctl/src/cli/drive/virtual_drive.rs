@@ -1,7 +1,9 @@
 //! `servoctl virtual`: the virtual drive, started and ended by hand.
 
 use anyhow::{Result, ensure};
+use serde_json::json;
 
+use super::super::output::Json;
 use crate::link::virtual_drive;
 
 /// Options of `virtual`.
@@ -25,6 +27,8 @@ pub struct Options {
     /// End the one that runs
     #[arg(long)]
     stop: bool,
+    #[command(flatten)]
+    json: Json,
 }
 
 /// Starts a virtual drive in the background and prints its address, or ends it.
@@ -33,8 +37,9 @@ pub struct Options {
 /// One runs already; a build that fails.
 pub fn run(options: &Options) -> Result<()> {
     if options.stop {
-        println!("{}", if virtual_drive::stop()? { "ended" } else { "there was none" });
-        return Ok(());
+        let ended = virtual_drive::stop()?;
+        let words = if ended { "ended\n" } else { "there was none\n" };
+        return options.json.write(&json!({ "ended": ended }), || words.to_owned());
     }
     if let Some(address) = virtual_drive::find() {
         let answers = crate::link::open(&address).is_ok();
@@ -48,6 +53,6 @@ pub fn run(options: &Options) -> Result<()> {
     arguments.extend(options.seed.iter().flat_map(|seed| ["--seed".to_owned(), seed.to_string()]));
     arguments.extend(options.blank.then(|| "--blank".to_owned()));
     arguments.extend(options.runs_on.then(|| "--runs-on".to_owned()));
-    println!("{}", virtual_drive::start(&arguments)?);
-    Ok(())
+    let address = virtual_drive::start(&arguments)?;
+    options.json.write(&json!({ "address": address }), || format!("{address}\n"))
 }

@@ -1,14 +1,14 @@
 //! `servoctl watch`: chosen signals, line by line.
 
-use std::io::Write;
 use std::sync::atomic::Ordering;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use clap::ValueEnum;
 use servo_core::SERVO_HZ;
 use servo_protocol::message::Status;
 
 use super::super::interrupt;
+use super::super::output::Json;
 use super::Link;
 use crate::link::units;
 
@@ -24,9 +24,8 @@ pub struct Options {
     /// End after so many lines [default: at Ctrl-C]
     #[arg(long)]
     lines: Option<u64>,
-    /// Lines of JSON
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    json: Json,
 }
 
 /// What can be watched.
@@ -69,7 +68,7 @@ pub fn run(link: &Link, options: &Options) -> Result<()> {
     let mut drive = link.connect()?.drive;
     let count_m = drive.parameters()?.encoder_count_m;
     let every_ticks = (options.every * f64::from(SERVO_HZ)).max(1.0) as u32;
-    let mut out = std::io::stdout().lock();
+    let mut out = options.json.lines()?;
     let mut due = drive.status()?.tick;
     let mut lines = 0;
     while !ended.load(Ordering::Relaxed) && options.lines.is_none_or(|most| lines < most) {
@@ -80,19 +79,16 @@ pub fn run(link: &Link, options: &Options) -> Result<()> {
         due = status.tick.wrapping_add(every_ticks);
         let values: Vec<_> = options.signals.iter().map(|signal| signal.of(&status, count_m)).collect();
         let time_s = f64::from(status.tick) / f64::from(SERVO_HZ);
-        let written = if options.json {
-            let mut row = serde_json::Map::from_iter([("time_s".to_owned(), time_s.into())]);
-            row.extend(values.iter().map(|(name, value)| ((*name).to_owned(), (*value).into())));
-            writeln!(out, "{}", serde_json::Value::from(row))
-        } else {
+        let mut object = serde_json::Map::from_iter([("time_s".to_owned(), time_s.into())]);
+        object.extend(values.iter().map(|(name, value)| ((*name).to_owned(), (*value).into())));
+        let wanted = out.write(&object.into(), || {
             let head: String = values.iter().map(|(name, _)| format!("{name:>16}")).collect();
             let row: String = values.iter().map(|(_, value)| format!("{value:>16.4}")).collect();
             let head = if lines == 0 { format!("{:>12}{head}\n", "time_s") } else { String::new() };
-            writeln!(out, "{head}{time_s:>12.4}{row}")
-        };
-        match written.and_then(|()| out.flush()) {
-            Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => return Ok(()),
-            other => other.context("cannot write to standard output")?,
+            format!("{head}{time_s:>12.4}{row}\n")
+        })?;
+        if !wanted {
+            return Ok(());
         }
         lines += 1;
     }

@@ -147,6 +147,7 @@ mod tests {
             low_gain_per_spring: 1.0,
             behaves_like: "mass",
             frequency_hz: vec![10.0],
+            motion_nm: vec![],
             magnitude: vec![magnitude],
             phase_deg: vec![deg],
         };

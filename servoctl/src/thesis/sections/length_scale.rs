@@ -57,6 +57,7 @@ pub fn section(step: &Step100Um) -> Section {
         )
         .table(&[], step.extremes_table().under("extremes, and beside them those without friction"))
         .table(&[], step.finding_table())
+        .table(&[], step.friction_table())
 }
 
 fn factor_of(nm: f64) -> (f64, f64) {
@@ -89,16 +90,29 @@ fn scale_checks(found: Option<&Finding>) -> [Check; 2] {
     ]
 }
 
-/// Why the length scale is another one than in the thesis: where a stage that creeps begins to.
+/// Why the length scale is another one than in the thesis: where a stage that creeps begins to, and with how much friction it would not.
 fn why_longer(step: &Step100Um) -> String {
-    step.finding.as_ref().filter(|f| f.creeps).map_or(String::new(), |f| {
+    let Some(found) = step.finding.as_ref().filter(|f| f.creeps) else { return String::new() };
+    let next = step.stage.extreme_nm.len();
+    let half_nm = 0.5 * step.linear.extreme_nm.get(next).map_or(f64::INFINITY, |nm| nm.abs());
+    let swings = step.by_friction.iter().find(|less| less.extreme_nm.get(next).is_some_and(|nm| nm.abs() > half_nm));
+    let less = swings.map_or(String::new(), |less| {
+        let extremes: Vec<String> = less.extreme_nm.iter().map(|nm| number(*nm, 0)).collect();
         format!(
-            "The procedure takes the extreme from which the first slow leg begins. With these gains F_C/k_P is {} nm: the swing after {} \
-             nm is the last, and the integrator creeps from there; the thesis' stage still had extremes at −637, 115 and 19 nm",
-            number(step.stuck_within_nm, 0),
-            number(f.length_scale_nm, 0)
+            ". With F_C = {} N instead of {} N the same step swings on to {} nm: the thesis' extremes at 3810, −637, 115 and 19 nm are \
+             those of a step that met a fraction of the friction of its table 1",
+            number(less.coulomb_n, 2),
+            number(step.plant.friction.coulomb_n, 2),
+            extremes.join(", ")
         )
-    })
+    });
+    format!(
+        "The procedure takes the extreme from which the first slow leg begins. Friction takes about F_C/k_P = {} nm off every swing: the one \
+         after {} nm, which would go {} nm beyond the target without friction, ends before it, and the integrator creeps from there{less}",
+        number(step.stuck_within_nm, 0),
+        number(found.length_scale_nm, 0),
+        step.linear.extreme_nm.get(next).map_or(MISSING.to_owned(), |nm| number(nm.abs(), 0)),
+    )
 }
 
 /// Length scales of steps with friction drawn for each, in words.
@@ -150,6 +164,7 @@ mod tests {
             finding,
             linear_finding: None,
             redrawn: vec![],
+            by_friction: vec![],
             plant: Stage::default(),
         }
     }

@@ -12,6 +12,7 @@ pub mod rate_limit;
 pub mod second_experiment;
 pub mod sensitivity;
 pub mod settling;
+mod small_amplitude;
 pub mod small_steps;
 pub mod stage;
 pub mod theory_mass;

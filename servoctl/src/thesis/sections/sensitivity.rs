@@ -1,23 +1,27 @@
-//! How settling depends on each of NIASA's parameters (8.1, ch. 11), and on a stage that is not what the model says (7.4).
+//! How settling depends on each of NIASA's parameters (8.1, ch. 11), on a stage that is not what the model says (7.4), and on the
+//! model whose slope NIASA takes (ch. 11).
 
-use super::settling::{conditions, range_in_words, reduction, slower_at, table, tolerances};
+use super::settling::{conditions, range_in_words, reduction, sample, slower_at, table, tolerances};
 use crate::plot::{Axis, Band, Plot, Series};
-use crate::reproduce::outcome::Run;
-use crate::table::{MISSING, Table};
+use crate::reproduce::outcome::{ConfigOutcome, Run};
+use crate::reproduce::sensitivity::ON_TABLE_4;
+use crate::table::{MISSING, Table, number};
 use crate::thesis::section::Section;
 use crate::thesis::targets::Target;
-use crate::thesis::verdict::{Check, judge};
+use crate::thesis::verdict::{Check, Sample, Verdict, judge};
 
 /// Tolerance that the pictures show (±, nm).
 const SHOWN_NM: u32 = 10;
 /// Positions of half and twice the nominal value among a parameter's five, after PID.
 const HALF_AND_TWICE: [usize; 2] = [2, 4];
 
-/// The section: a run per parameter and form, then one per corner of the stage.
+/// The section: a run per parameter and form, then one per corner of the stage, then one per form on the curve of table 4.
 pub fn section(runs: &[&Run]) -> Section {
-    let corner = |run: &&&Run| run.name.starts_with('δ');
-    let parameters: Vec<&Run> = runs.iter().filter(|run| !corner(run)).copied().collect();
-    let corners: Vec<&Run> = runs.iter().filter(corner).copied().collect();
+    let named = |begins: &str| runs.iter().filter(|run| run.name.starts_with(begins)).copied().collect::<Vec<&Run>>();
+    let (corners, slopes) = (named("δ"), named(ON_TABLE_4));
+    let others = |run: &&&Run| !run.name.starts_with('δ') && !run.name.starts_with(ON_TABLE_4);
+    let parameters: Vec<&Run> = runs.iter().filter(others).copied().collect();
+    let (gms_ours, gms_verdict) = gms_slope(&slopes);
     let half_wrong: Vec<&Run> =
         parameters.iter().filter(|run| run.name == "σ̂, App. E" || run.name == "F̂_C, App. E").copied().collect();
     let ours: Vec<String> = half_wrong
@@ -27,6 +31,7 @@ pub fn section(runs: &[&Run]) -> Section {
         .collect();
     let section = Section::new("8.1, 11 Sensitivity")
         .judged(Target::HalfWrong, format!("reduction with {}", ours.join("; ")), judge(&checks(&half_wrong)))
+        .judged(Target::GmsSlope, gms_ours, gms_verdict)
         .conditions(conditions(&parameters))
         .figure(
             &[],
@@ -34,7 +39,46 @@ pub fn section(runs: &[&Run]) -> Section {
             format!("reduction of the mean settling time to ±{SHOWN_NM} nm, each parameter by itself"),
         )
         .table(&[], corner_table(&corners));
-    parameters.iter().fold(section, |section, run| section.table(&[], table(run)))
+    let section = section.text(
+        "Chapter 11 asks whether the slope of a GMS model could do what Dahl's does. Here the stage has the curve of table 4, steeper at first \
+         and longer than an exponential, with the σ and F_C of the other stages. NIASA takes the slope of Dahl's model, of Maxwell slip \
+         with Dahl's curve, and of Maxwell slip with the stage's own curve; with the careful σ̂ and F̂_C of 8.1.1 and, “true”, with \
+         those of the stage.",
+    );
+    slopes.iter().chain(&parameters).fold(section, |section, run| section.table(&[], table(run)))
+}
+
+/// NIASA on the slope of the stage's own elements against NIASA on Dahl's, with the same σ̂ and F̂_C: as fast, within two standard
+/// errors, or faster?
+fn gms_slope(runs: &[&Run]) -> (String, Verdict) {
+    let (mut words, mut checks) = (Vec::new(), Vec::new());
+    for run in runs {
+        let of = |name: &str| run.configs.iter().find(|config| config.settling.name == name);
+        let form = run.name.split(", ").nth(1).unwrap_or("");
+        for (model, dahl, elements) in
+            [("", "dahl", "maxwell-table-4"), (", true", "dahl-true", "maxwell-table-4-true")]
+        {
+            let Some((dahl, elements)) = of(dahl).zip(of(elements)) else { continue };
+            let slower = |t: &usize| {
+                let [dahl, elements] = [dahl, elements].map(|config| sample(&config.settling, *t));
+                let error = |sample: &Sample| sample.std.unwrap_or(0.0) / libm::sqrt(sample.count.max(1) as f64);
+                let granted = 2.0 * libm::hypot(error(&dahl), error(&elements));
+                !dahl.mean.zip(elements.mean).is_some_and(|(dahl, elements)| elements <= dahl + granted)
+            };
+            let slow: Vec<u32> =
+                (0..run.settling.tolerances_nm.len()).filter(slower).map(|t| run.settling.tolerances_nm[t]).collect();
+            let says = match slow.as_slice() {
+                [] => "as fast as on Dahl's slope at every tolerance".to_owned(),
+                slow => format!("slower at {}", tolerances(slow)),
+            };
+            checks.push(Check::new(slow.is_empty(), format!("{form}{model}: {says}")));
+            let t = run.settling.tolerances_nm.iter().position(|nm| *nm == SHOWN_NM).unwrap_or(0);
+            let ms = |c: &ConfigOutcome| c.settling.mean_ms[t].map_or(MISSING.to_owned(), |ms| number(ms, 1));
+            words.push(format!("{form}{model}: {} ms, on Dahl's slope {} ms", ms(elements), ms(dahl)));
+        }
+    }
+    let words = if words.is_empty() { MISSING.to_owned() } else { format!("to ±{SHOWN_NM} nm {}", words.join("; ")) };
+    (words, judge(&checks))
 }
 
 /// Half and twice the nominal value, which is more than ±50 %: faster than PID at every tolerance?
@@ -89,6 +133,20 @@ mod tests {
     use super::*;
     use crate::thesis::sections::traces::tests::tiny_run;
     use crate::thesis::verdict::Outcome;
+
+    #[test]
+    fn the_slope_of_a_better_model_is_judged_by_the_means() {
+        let verdict = |elements: (f64, f64)| {
+            let mut run = tiny_run(&[(100.0, 50.0), (40.0, 20.0), elements]);
+            run.name = "table 4, App. E".into();
+            run.configs[1].settling.name = "dahl".into();
+            run.configs[2].settling.name = "maxwell-table-4".into();
+            gms_slope(&[&run]).1.outcome
+        };
+        assert_eq!(verdict((38.0, 20.5)), Outcome::Reproduced);
+        assert_eq!(verdict((60.0, 20.5)), Outcome::NotReproduced);
+        assert_eq!(gms_slope(&[]).1.outcome, Outcome::NotReproduced);
+    }
 
     #[test]
     fn half_and_twice_the_value_have_to_be_faster_than_pid() {

@@ -1,0 +1,217 @@
+//! Length scale, friction and what NIASA makes of it.
+
+use serde::{Deserialize, Serialize};
+use servo_core::measure::Shape;
+use servo_core::parameters::Settings;
+use servo_core::profile::Limits;
+use servo_ident::frf;
+use servo_ident::{Record, dahl, length_scale as scale, maxwell, tuning};
+
+use super::link::{Order, Sample, Session};
+use super::loops::{SAMPLE_S, bounded};
+use super::{Failure, Found, fit};
+
+/// The step that shows the length scale, m, and its acceleration, m/s².
+const STEP_M: f64 = 100e-6;
+const STEP_M_PER_S2: f32 = 20.0;
+/// A leg that takes longer than the linear one by this factor is no longer linear.
+const SLOW: f64 = 1.5;
+/// Places of the identification profile, as shares of half the travel.
+const PLACES: [f64; 3] = [-0.3, 0.0, 0.3];
+/// Frequency of the profile, Hz, its periods, and its amplitude at the end over that at the beginning.
+const PROFILE_HZ: f32 = 16.0;
+const PERIODS: u32 = 8;
+const END_SHARE: f32 = 0.7;
+/// Motion of a profile in length scales, and its limits, m.
+const SPAN_SCALES: f64 = 2.5;
+const SPAN_M: [f64; 2] = [1.6e-6, 4e-6];
+/// The amplitude begins here, N, and is raised by this factor until the stage moves far enough.
+const FIRST_N: f32 = 0.2;
+const RAISE: f32 = 1.25;
+const ATTEMPTS: usize = 20;
+/// Elements of the Maxwell-slip model.
+const ELEMENTS: usize = 10;
+/// Residual of Dahl's model against that of Maxwell slip up to which the simpler one is preferred.
+const SIMPLER_UNTIL: f64 = servo_ident::choice::SIMPLER_UNTIL;
+/// What is accepted of friction: outside, something else has been measured.
+const SIGMA_N_PER_M: [f64; 2] = [1e5, 1e9];
+const COULOMB_N: [f64; 2] = [1e-2, 50.0];
+
+/// Friction found at a place.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ProfileFit {
+    /// Where (m).
+    pub place_m: f64,
+    /// Amplitude of the profile (N).
+    pub amplitude_n: f64,
+    /// σ of Dahl's model (N/m).
+    pub sigma_n_per_m: f64,
+    /// Its 95 % interval (N/m).
+    pub sigma_ci95_n_per_m: [f64; 2],
+    /// F_C of Dahl's model (N).
+    pub coulomb_n: f64,
+    /// Its 95 % interval (N).
+    pub coulomb_ci95_n: [f64; 2],
+    /// What Dahl's model leaves (N rms).
+    pub dahl_rms_n: f64,
+    /// What Maxwell slip leaves (N rms); nothing if it cannot be fitted.
+    pub maxwell_rms_n: Option<f64>,
+    /// Its elements; none if it cannot be fitted.
+    pub elements: Vec<maxwell::Element>,
+    /// Motion of the profile (m).
+    pub span_m: f64,
+    /// Whether Maxwell slip is so much better that its parameters are needed.
+    pub needs_maxwell: bool,
+    /// Position (nm), measured friction (N) and Dahl's model (N), for a picture.
+    pub loop_nm_n: Vec<[f64; 3]>,
+}
+
+/// A step, and the times between the extremes of its swing.
+pub fn length_scale(session: &mut Session, found: &mut Found) -> Result<String, Failure> {
+    let Some((_, large)) = found.loops.first() else { return Err(Failure::Missing("the loop transmission")) };
+    let expected_s = frf::second_order(&frf::closed_loop(large))?.half_period_s();
+    session.enable()?;
+    let start_m = session.look()?.position_m;
+    let limits = Limits { velocity_m_per_s: 0.1, acceleration_m_per_s2: STEP_M_PER_S2, jerk_m_per_s3: None };
+    let order = Order::Move { target_m: start_m + STEP_M, limits };
+    let samples = session.capture(&order, 0.5, 1)?;
+    let time_s: Vec<f64> = (0..samples.len()).map(|i| i as f64 * SAMPLE_S).collect();
+    let position_m: Vec<f64> = samples.iter().map(|sample| -sample.error_m).collect();
+    // A stage whose friction stops it at once shows no length scale; the profile then has its usual size.
+    match scale::find(&time_s, &position_m, 0.0, expected_s, SLOW) {
+        Ok(length) => {
+            found.length_scale_m = Some(length.length_m);
+            Ok(format!("friction rules below {:.0} nm", length.length_m * 1e9))
+        }
+        Err(why) => {
+            found.length_scale_m = None;
+            Ok(format!("not seen ({why})"))
+        }
+    }
+}
+
+/// The identification profile at several places, Dahl's model and Maxwell slip fitted to each.
+pub fn friction(session: &mut Session, found: &mut Found) -> Result<String, Failure> {
+    let mass_kg = found.mass_kg.ok_or(Failure::Missing("the mass"))?;
+    let span_m = found.length_scale_m.map_or(SPAN_M[0], |m| SPAN_SCALES * m).clamp(SPAN_M[0], SPAN_M[1]);
+    let settings = session.settings;
+    let half_m = 0.5 * (settings.travel_max_m - settings.travel_min_m);
+    let middle_m = 0.5 * (settings.travel_max_m + settings.travel_min_m);
+    session.enable()?;
+    found.profiles.clear();
+    for place in PLACES {
+        let place_m = middle_m + place * half_m;
+        session.move_to(place_m, Limits { velocity_m_per_s: 0.1, acceleration_m_per_s2: 1.0, jerk_m_per_s3: None })?;
+        session.wait(0.5)?;
+        let amplitude = amplitude_for(session, span_m)?;
+        let shape = Shape::DecayingSine { amplitude, frequency_hz: PROFILE_HZ, periods: PERIODS, end_share: END_SHARE };
+        let length_s = f64::from(PERIODS) / f64::from(PROFILE_HZ);
+        let samples = session.capture(&Order::Excite(bounded(shape, &settings)), length_s, 1)?;
+        found.profiles.push(fit_profile(&samples, &settings, mass_kg, place_m, f64::from(amplitude))?);
+        session.wait(0.1)?;
+    }
+    let median = |of: fn(&ProfileFit) -> f64| {
+        let mut values: Vec<f64> = found.profiles.iter().map(of).collect();
+        values.sort_by(f64::total_cmp);
+        values[values.len() / 2]
+    };
+    let (sigma, coulomb) = (median(|fit| fit.sigma_n_per_m), median(|fit| fit.coulomb_n));
+    fit("sigma / N/m", sigma, SIGMA_N_PER_M[0], SIGMA_N_PER_M[1], "this is no friction of guides")?;
+    fit("F_C / N", coulomb, COULOMB_N[0], COULOMB_N[1], "this is no friction of guides")?;
+    (found.sigma_n_per_m, found.coulomb_n) = (Some(sigma), Some(coulomb));
+    let maxwell = found.profiles.iter().any(|fit| fit.needs_maxwell);
+    let model = if maxwell { "Maxwell slip fits better" } else { "Dahl's model will do" };
+    Ok(format!("sigma {:.2} N/µm, F_C {coulomb:.3} N; {model}", sigma * 1e-6))
+}
+
+/// The amplitude that moves the stage by `span_m`, N: single periods at twice the frequency, raised until they do.
+fn amplitude_for(session: &mut Session, span_m: f64) -> Result<f32, Failure> {
+    let mut amplitude = FIRST_N;
+    for _ in 0..ATTEMPTS {
+        let frequency_hz = 2.0 * PROFILE_HZ;
+        let shape = Shape::DecayingSine { amplitude, frequency_hz, periods: 1, end_share: 1.0 };
+        let request = bounded(shape, &session.settings);
+        let samples = session.capture(&Order::Excite(request), 1.0 / f64::from(frequency_hz), 1)?;
+        let positions = || samples.iter().map(|sample| sample.position_m);
+        let moved_m = positions().fold(f64::MIN, f64::max) - positions().fold(f64::MAX, f64::min);
+        session.wait(0.05)?;
+        if moved_m >= span_m {
+            return Ok(amplitude);
+        }
+        amplitude *= RAISE;
+    }
+    let why = "no amplitude moves the stage far enough";
+    Err(fit("amplitude / N", f64::from(amplitude), 0.0, f64::from(amplitude / RAISE), why)
+        .err()
+        .unwrap_or(Failure::Late(why)))
+}
+
+/// Both models fitted to a profile.
+///
+/// The force that the drive asked for is there one time constant of the current loop later, and then for a tick: its mean time is
+/// that much after the tick, and the force at a tick lies between two of them.
+fn fit_profile(
+    samples: &[Sample],
+    settings: &Settings,
+    mass_kg: f64,
+    place_m: f64,
+    amplitude_n: f64,
+) -> Result<ProfileFit, Failure> {
+    let late = 0.5 + 1.0 / (std::f64::consts::TAU * settings.current_bandwidth_hz * SAMPLE_S);
+    let time_s: Vec<f64> = (0..samples.len()).map(|i| i as f64 * SAMPLE_S).collect();
+    let position_m: Vec<f64> = samples.iter().map(|sample| sample.position_m).collect();
+    let force_n: Vec<f64> = (0..samples.len())
+        .map(|i| {
+            let (before, now) = (samples[i.saturating_sub(1)].force_n, samples[i].force_n);
+            before + (1.0 - late) * (now - before)
+        })
+        .collect();
+    let record = Record::from_current(&time_s, &position_m, &force_n, mass_kg, 1.0)?;
+    let found = dahl::fit_any_memory(&record, false)?;
+    let dahl_rms_n = found.mse_n2.sqrt();
+    let maxwell = maxwell::fit(&record, ELEMENTS).ok();
+    let maxwell_rms_n = maxwell.as_ref().map(|fit| fit.rms_n);
+    let model_n = found.force_n(&record);
+    let every = samples.len().div_ceil(800).max(1);
+    let points = record.position_m.iter().zip(record.force_n.iter().zip(&model_n)).step_by(every);
+    Ok(ProfileFit {
+        place_m,
+        amplitude_n,
+        sigma_n_per_m: found.sigma_n_per_m,
+        sigma_ci95_n_per_m: found.ci95.sigma_n_per_m.0,
+        coulomb_n: found.coulomb_n,
+        coulomb_ci95_n: found.ci95.coulomb_n.0,
+        dahl_rms_n,
+        maxwell_rms_n,
+        elements: maxwell.map_or_else(Vec::new, |fit| fit.elements),
+        span_m: record.span_m(),
+        needs_maxwell: maxwell_rms_n.is_some_and(|rms_n| dahl_rms_n > SIMPLER_UNTIL * rms_n),
+        loop_nm_n: points.map(|(x, (f, m))| [x * 1e9, f - found.offset_n, m - found.offset_n]).collect(),
+    })
+}
+
+/// NIASA's parameters, in use but not switched on.
+pub fn niasa(session: &mut Session, found: &mut Found) -> Result<String, Failure> {
+    let sigma_n_per_m = found.sigma_n_per_m.ok_or(Failure::Missing("sigma"))?;
+    let coulomb_n = found.coulomb_n.ok_or(Failure::Missing("F_C"))?;
+    let noise_m = found.noise_m.ok_or(Failure::Missing("the noise"))?;
+    let niasa = tuning::niasa(sigma_n_per_m, coulomb_n, noise_m, SAMPLE_S);
+    let settings = Settings {
+        niasa_stiffness_n_per_m: niasa.stiffness_n_per_m,
+        niasa_coulomb_n: niasa.coulomb_n,
+        niasa_time_constant_s: niasa.time_constant_s,
+        niasa_rate_limit_n: niasa.rate_limit_n,
+        niasa_hysteresis_m: niasa.hysteresis_m,
+        ..session.settings
+    };
+    session.configure(settings)?;
+    found.niasa = Some(niasa);
+    Ok(format!(
+        "sigma {:.2} N/µm, F_C {:.3} N, {:.0} ms, {:.1} mN a sample, {:.1} nm",
+        niasa.stiffness_n_per_m * 1e-6,
+        niasa.coulomb_n,
+        niasa.time_constant_s * 1e3,
+        niasa.rate_limit_n * 1e3,
+        niasa.hysteresis_m * 1e9
+    ))
+}

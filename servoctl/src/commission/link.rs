@@ -1,0 +1,322 @@
+//! What commissioning asks of a drive, on whatever line it is.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use servo_core::SERVO_HZ;
+use servo_core::capture::{self, Trigger};
+use servo_core::config::Compensator;
+use servo_core::fault::Fault;
+use servo_core::measure::{self, Progress, Reading};
+use servo_core::parameters::Settings;
+use servo_core::profile::Limits;
+use servo_core::record::Selection;
+use servo_core::state::State;
+
+use super::Failure;
+use crate::link::Capture;
+
+/// What a drive can be told to do.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Order {
+    /// Close the loops.
+    Enable,
+    /// Bridge off.
+    Disable,
+    /// Brake to rest.
+    Stop,
+    /// Begin a move to a position (m).
+    Move {
+        /// Where to, m.
+        target_m: f64,
+        /// How fast.
+        limits: Limits,
+    },
+    /// Begin an excitation.
+    Excite(measure::Request),
+    /// Choose the compensator.
+    Compensator(Compensator),
+}
+
+/// How a drive is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Status {
+    /// Power state.
+    pub state: State,
+    /// First fault.
+    pub fault: Option<Fault>,
+    /// Position, m.
+    pub position_m: f64,
+    /// A profile moves the set-point.
+    pub moving: bool,
+}
+
+/// A sample of a capture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sample {
+    /// Set-point − position, m.
+    pub error_m: f64,
+    /// Position against the first sample, m.
+    pub position_m: f64,
+    /// Force asked of the motor, N.
+    pub force_n: f64,
+}
+
+/// A drive on a line.
+pub trait Link {
+    /// Puts parameters into use.
+    ///
+    /// # Errors
+    /// The drive's refusal, or that of the line.
+    fn configure(&mut self, settings: &Settings) -> Result<(), Failure>;
+    /// Gives an order; returns when the drive has taken it.
+    ///
+    /// # Errors
+    /// As for [`Link::configure`].
+    fn order(&mut self, order: &Order) -> Result<(), Failure>;
+    /// How the drive is now.
+    ///
+    /// # Errors
+    /// That of the line.
+    fn status(&mut self) -> Result<Status, Failure>;
+    /// What the excitation under way, or the last one, has found.
+    ///
+    /// # Errors
+    /// That of the line.
+    fn reading(&mut self) -> Result<Reading, Failure>;
+    /// Orders a capture.
+    ///
+    /// # Errors
+    /// As for [`Link::configure`].
+    fn arm(&mut self, order: capture::Order) -> Result<(), Failure>;
+    /// The capture, once it is complete.
+    ///
+    /// # Errors
+    /// That of the line.
+    fn captured(&mut self) -> Result<Option<Capture>, Failure>;
+    /// Lets time pass, s.
+    ///
+    /// # Errors
+    /// That of the line.
+    fn wait(&mut self, seconds: f64) -> Result<(), Failure>;
+    /// Stores the parameters in use; the bridge is off.
+    ///
+    /// # Errors
+    /// As for [`Link::configure`].
+    fn save(&mut self) -> Result<(), Failure>;
+}
+
+/// Time between two looks at the drive, s.
+const LOOK_S: f64 = 0.02;
+/// Longest wait for rest when all is to end, s.
+const BRAKE_S: f64 = 1.0;
+/// Longest wait for anything, s.
+const PATIENCE_S: f64 = 120.0;
+
+/// A link in use: every wait looks for faults and for the wish to end.
+pub struct Session<'a> {
+    /// The drive.
+    pub link: &'a mut dyn Link,
+    /// The wish to end.
+    pub stop: &'a AtomicBool,
+    /// Parameters in use.
+    pub settings: Settings,
+}
+
+impl Session<'_> {
+    /// Puts parameters into use.
+    ///
+    /// # Errors
+    /// As for [`Link::configure`].
+    pub fn configure(&mut self, settings: Settings) -> Result<(), Failure> {
+        self.link.configure(&settings)?;
+        self.settings = settings;
+        Ok(())
+    }
+
+    /// Looks whether to go on.
+    ///
+    /// # Errors
+    /// [`Failure::Stopped`], [`Failure::Fault`].
+    pub fn look(&mut self) -> Result<Status, Failure> {
+        if self.stop.load(Ordering::Relaxed) {
+            return Err(Failure::Stopped);
+        }
+        let status = self.link.status()?;
+        match status.fault {
+            Some(fault) => Err(Failure::Fault(fault)),
+            None => Ok(status),
+        }
+    }
+
+    /// Lets time pass, s.
+    ///
+    /// # Errors
+    /// As for [`Session::look`].
+    pub fn wait(&mut self, seconds: f64) -> Result<(), Failure> {
+        let mut left_s = seconds;
+        while left_s > 0.0 {
+            self.look()?;
+            self.link.wait(left_s.min(LOOK_S))?;
+            left_s -= LOOK_S;
+        }
+        Ok(())
+    }
+
+    /// Waits until `done` gives something.
+    fn until<T>(
+        &mut self,
+        what: &'static str,
+        mut done: impl FnMut(&mut Self) -> Result<Option<T>, Failure>,
+    ) -> Result<T, Failure> {
+        for _ in 0..(PATIENCE_S / LOOK_S) as u32 {
+            self.look()?;
+            if let Some(value) = done(self)? {
+                return Ok(value);
+            }
+            self.link.wait(LOOK_S)?;
+        }
+        Err(Failure::Late(what))
+    }
+
+    /// Closes the loops.
+    ///
+    /// # Errors
+    /// The drive's refusal, a fault.
+    pub fn enable(&mut self) -> Result<(), Failure> {
+        self.look()?;
+        self.link.order(&Order::Enable)?;
+        self.until("Operation enabled", |s| Ok((s.link.status()?.state == State::OperationEnabled).then_some(())))?;
+        self.wait(0.2)
+    }
+
+    /// Moves and waits for the end of the profile.
+    ///
+    /// # Errors
+    /// The drive's refusal, a fault.
+    pub fn move_to(&mut self, target_m: f64, limits: Limits) -> Result<(), Failure> {
+        self.link.order(&Order::Move { target_m, limits })?;
+        self.rest()
+    }
+
+    /// Waits for the end of the profile.
+    ///
+    /// # Errors
+    /// A fault.
+    pub fn rest(&mut self) -> Result<(), Failure> {
+        self.until("the end of a move", |s| Ok((!s.link.status()?.moving).then_some(())))
+    }
+
+    /// Brakes whatever moves, even if the user wishes to end: up to a second.
+    ///
+    /// # Errors
+    /// The drive's refusal, that of the line.
+    pub fn brake(&mut self) -> Result<(), Failure> {
+        if self.link.status()?.state != State::OperationEnabled {
+            return Ok(());
+        }
+        self.link.order(&Order::Stop)?;
+        for _ in 0..(BRAKE_S / LOOK_S) as u32 {
+            if !self.link.status()?.moving {
+                break;
+            }
+            self.link.wait(LOOK_S)?;
+        }
+        Ok(())
+    }
+
+    /// Plays an excitation to its end, or until the drive ends it.
+    ///
+    /// # Errors
+    /// The drive's refusal, a fault.
+    pub fn play(&mut self, request: &measure::Request) -> Result<Reading, Failure> {
+        self.link.order(&Order::Excite(*request))?;
+        self.until("the end of an excitation", |s| {
+            let reading = s.link.reading()?;
+            Ok((reading.progress != Progress::Running).then_some(reading))
+        })
+    }
+
+    /// Plays an excitation that has to come to its end.
+    ///
+    /// # Errors
+    /// As for [`Session::play`]; [`Failure::Limit`].
+    pub fn measure(&mut self, request: &measure::Request) -> Result<Reading, Failure> {
+        let reading = self.play(request)?;
+        match reading.progress {
+            Progress::Complete => Ok(reading),
+            Progress::Exceeded(limit) => Err(Failure::Limit(limit)),
+            _ => Err(Failure::Late("the end of an excitation")),
+        }
+    }
+
+    /// Captures every `every_ticks`-th of the ticks that follow an order, for `length_s`: from the beginning of an excitation, from the
+    /// end of a move.
+    ///
+    /// # Errors
+    /// The drive's refusal, a fault.
+    pub fn capture(&mut self, order: &Order, length_s: f64, every_ticks: u32) -> Result<Vec<Sample>, Failure> {
+        let captured = self.capture_words(Selection::ERROR_POSITION_FORCE, order, length_s, every_ticks)?;
+        let [error_ct, position_ct, force_n] =
+            ["error_ct", "position_low_ct", "force_n"].map(|name| column(&captured, name));
+        let (position_ct, count_m) = (position_ct?, self.settings.encoder_count_m);
+        let samples =
+            error_ct?.into_iter().zip(force_n?).zip(&position_ct).map(|((error_ct, force_n), at_ct)| Sample {
+                error_m: error_ct * count_m,
+                // The low word of the position may turn over.
+                position_m: f64::from((*at_ct as i32).wrapping_sub(position_ct[0] as i32)) * count_m,
+                force_n,
+            });
+        Ok(samples.collect())
+    }
+
+    /// [`Session::capture`] of the error alone, m: a third of the words.
+    ///
+    /// # Errors
+    /// The drive's refusal, a fault.
+    pub fn errors_m(&mut self, order: &Order, length_s: f64, every_ticks: u32) -> Result<Vec<f64>, Failure> {
+        const ERROR: &str = "error_ct";
+        let words = Selection::named([ERROR]).ok_or(Failure::Missing(ERROR))?;
+        let captured = self.capture_words(words, order, length_s, every_ticks)?;
+        Ok(column(&captured, ERROR)?.into_iter().map(|error_ct| error_ct * self.settings.encoder_count_m).collect())
+    }
+
+    fn capture_words(
+        &mut self,
+        words: Selection,
+        order: &Order,
+        length_s: f64,
+        every_ticks: u32,
+    ) -> Result<Capture, Failure> {
+        let trigger = match order {
+            Order::Excite(_) => Trigger::Excitation,
+            _ => Trigger::MoveEnd,
+        };
+        self.arm(words, length_s, every_ticks, trigger)?;
+        self.link.order(order)?;
+        self.captured()
+    }
+
+    /// Captures one signal in every tick for `length_s` from now on, in the unit of its name in
+    /// [`COLUMNS`](servo_core::record::COLUMNS).
+    ///
+    /// # Errors
+    /// The drive's refusal, a fault.
+    pub fn signal(&mut self, name: &'static str, length_s: f64) -> Result<Vec<f64>, Failure> {
+        let words = Selection::named([name]).ok_or(Failure::Missing(name))?;
+        self.arm(words, length_s, 1, Trigger::Now)?;
+        column(&self.captured()?, name)
+    }
+
+    fn arm(&mut self, words: Selection, length_s: f64, every_ticks: u32, trigger: Trigger) -> Result<(), Failure> {
+        let samples = (length_s * f64::from(SERVO_HZ) / f64::from(every_ticks)).round() as u32;
+        self.link.arm(capture::Order { words, samples, before: 0, every_ticks, trigger })
+    }
+
+    fn captured(&mut self) -> Result<Capture, Failure> {
+        self.until("a capture", |s| s.link.captured())
+    }
+}
+
+fn column(capture: &Capture, name: &'static str) -> Result<Vec<f64>, Failure> {
+    capture.column(name).ok_or(Failure::Missing(name))
+}

@@ -1,0 +1,278 @@
+//! From an unknown stage to a tuned axis that settles with NIASA, in steps that each say what they found or why they refuse.
+//!
+//! A step is a function over a [`Session`]; what it finds goes into [`Found`], plain data that can be written down and gone on with.
+//! However the steps end, the bridge is off afterwards.
+//!
+//! | step | from | to |
+//! |---|---|---|
+//! | [`Step::Offsets`] | bridge off | offset of the current |
+//! | [`Step::Safety`] | cautious gains | noise, and that a force moves the stage its way |
+//! | [`Step::Plant`] | tones on a slow move | plant, mass, resonances |
+//! | [`Step::Tuning`] | plant | gains; margins over amplitudes |
+//! | [`Step::LengthScale`] | a step | where friction begins to rule (5.3) |
+//! | [`Step::Friction`] | identification profiles | σ, F_C, which model (6.2) |
+//! | [`Step::Niasa`] | friction, noise | NIASA's parameters (8.1) |
+//! | [`Step::Verification`] | moves | settling with and without NIASA |
+//! | [`Step::Save`] | | parameters stored |
+
+mod friction;
+mod link;
+mod loops;
+mod on_line;
+pub mod page;
+mod simulated;
+pub mod stages;
+mod summary;
+mod verification;
+
+use std::collections::BTreeMap;
+use std::sync::atomic::AtomicBool;
+
+use serde::{Deserialize, Serialize};
+use servo_core::fault::Fault;
+use servo_core::measure::Exceeded;
+use servo_core::parameters::{Parameter, Settings, TABLE};
+use servo_core::refusal::Refusal;
+use servo_ident::DataError;
+use servo_ident::frf::{Point, Resonance};
+use servo_ident::tuning::{Niasa, Pid, Stability};
+
+pub use friction::ProfileFit;
+pub use link::{Link, Order, Sample, Session, Status};
+pub use on_line::OnLine;
+pub use simulated::{Simulated, data_sheet};
+pub use summary::{Many, Summary};
+pub use verification::{LEAST_GAIN, Settled, TOLERANCE_NM};
+
+/// Why commissioning ended.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum Failure {
+    /// The drive refused an order.
+    #[error("the drive refused: {0}")]
+    Refused(#[from] Refusal),
+    /// What was measured cannot be used.
+    #[error("{0}")]
+    Data(#[from] DataError),
+    /// The drive is in a fault.
+    #[error("fault: {}", .0.explanation())]
+    Fault(Fault),
+    /// An excitation met a limit.
+    #[error("the excitation met its limit of {}", limit_name(*.0))]
+    Limit(Exceeded),
+    /// A finding is not what it has to be.
+    #[error("{what} = {value} is outside {min} … {max}: {why}")]
+    Unfit {
+        /// What, with its unit.
+        what: &'static str,
+        /// Its value.
+        value: f64,
+        /// Lowest accepted value.
+        min: f64,
+        /// Highest accepted value.
+        max: f64,
+        /// What it means.
+        why: &'static str,
+    },
+    /// An earlier step's finding is missing.
+    #[error("{0} is not known: begin with the step that finds it")]
+    Missing(&'static str),
+    /// It took too long.
+    #[error("{0} did not come in time")]
+    Late(&'static str),
+    /// The user wished it to end.
+    #[error("ended by the user")]
+    Stopped,
+    /// The line failed.
+    #[error("{0}")]
+    Line(String),
+}
+
+fn limit_name(limit: Exceeded) -> &'static str {
+    match limit {
+        Exceeded::Travel => "travel",
+        Exceeded::Speed => "speed",
+        Exceeded::Current => "current",
+    }
+}
+
+/// `Ok(value)` within `min` to `max`, else why not.
+fn fit(what: &'static str, value: f64, min: f64, max: f64, why: &'static str) -> Result<f64, Failure> {
+    if (min..=max).contains(&value) { Ok(value) } else { Err(Failure::Unfit { what, value, min, max, why }) }
+}
+
+/// The steps, in their order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "kebab-case")]
+pub enum Step {
+    /// Offset of the current, bridge off.
+    Offsets,
+    /// Noise at rest; a force moves the stage its way.
+    Safety,
+    /// Plant, mass, resonances.
+    Plant,
+    /// Gains, and margins over amplitudes.
+    Tuning,
+    /// Where friction begins to rule.
+    LengthScale,
+    /// σ and F_C at several places.
+    Friction,
+    /// NIASA's parameters.
+    Niasa,
+    /// Moves with and without NIASA.
+    Verification,
+    /// Parameters stored.
+    Save,
+}
+
+impl Step {
+    /// All of them.
+    pub const ALL: [Step; 9] = [
+        Step::Offsets,
+        Step::Safety,
+        Step::Plant,
+        Step::Tuning,
+        Step::LengthScale,
+        Step::Friction,
+        Step::Niasa,
+        Step::Verification,
+        Step::Save,
+    ];
+
+    /// What it does, for a person.
+    pub fn purpose(self) -> &'static str {
+        match self {
+            Step::Offsets => "offset of the current, bridge off",
+            Step::Safety => "noise at rest, and a small force that has to move the stage its way",
+            Step::Plant => "plant by stepped sine on a slow move",
+            Step::Tuning => "gains for 100 Hz and 45°, then margins at large and small amplitudes",
+            Step::LengthScale => "where friction begins to rule, from the extremes after a step",
+            Step::Friction => "friction by decaying sines at several places",
+            Step::Niasa => "parameters of NIASA",
+            Step::Verification => "5 mm moves with and without NIASA",
+            Step::Save => "parameters stored in the drive",
+        }
+    }
+
+    fn run(self, session: &mut Session, found: &mut Found) -> Result<String, Failure> {
+        match self {
+            Step::Offsets => loops::offsets(session, found),
+            Step::Safety => loops::safety(session, found),
+            Step::Plant => loops::plant(session, found),
+            Step::Tuning => loops::tuning(session, found),
+            Step::LengthScale => friction::length_scale(session, found),
+            Step::Friction => friction::friction(session, found),
+            Step::Niasa => friction::niasa(session, found),
+            Step::Verification => verification::verification(session, found),
+            Step::Save => save(session),
+        }
+    }
+}
+
+/// Everything found so far; each step fills in its own.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Found {
+    /// Steps done, with what each says.
+    pub done: Vec<(Step, String)>,
+    /// Offset of the current (A).
+    pub current_offset_a: Option<f64>,
+    /// Noise of the position (m rms).
+    pub noise_m: Option<f64>,
+    /// Plant: position over force (m/N).
+    pub plant: Vec<Point>,
+    /// Mass (kg).
+    pub mass_kg: Option<f64>,
+    /// Resonances of the plant.
+    pub resonances: Vec<Resonance>,
+    /// Gains.
+    pub gains: Option<Pid>,
+    /// Loop transmission at each amplitude (N), largest first.
+    pub loops: Vec<(f64, Vec<Point>)>,
+    /// Their margins.
+    pub family: Vec<Stability>,
+    /// Where friction begins to rule (m); nothing if the step showed none.
+    pub length_scale_m: Option<f64>,
+    /// Friction at each place.
+    pub profiles: Vec<ProfileFit>,
+    /// σ, the median of the places (N/m).
+    pub sigma_n_per_m: Option<f64>,
+    /// F_C, the median of the places (N).
+    pub coulomb_n: Option<f64>,
+    /// Parameters of NIASA.
+    pub niasa: Option<Niasa>,
+    /// Settling without and with NIASA.
+    pub settled: Option<[Settled; 2]>,
+    /// Parameters in use after the last step that was done.
+    pub parameters: BTreeMap<String, f64>,
+}
+
+impl Found {
+    /// Settling time with NIASA, as a share less than without (0 to 1).
+    pub fn gain(&self) -> Option<f64> {
+        self.settled.as_ref().map(|[without, with]| 1.0 - with.mean_ms / without.mean_ms)
+    }
+
+    /// `base` with the parameters written down.
+    ///
+    /// # Errors
+    /// A value out of range.
+    pub fn settings(&self, base: &Settings) -> Result<Settings, Refusal> {
+        let mut settings = *base;
+        for (name, value) in &self.parameters {
+            if let Some(parameter) = Parameter::by_name(name) {
+                parameter.set(&mut settings, *value)?;
+            }
+        }
+        Ok(settings)
+    }
+}
+
+/// Does the steps from `from` on; `said` is told of each. However it ends, the bridge is off.
+///
+/// # Errors
+/// Which step ended it, and why.
+pub fn run(
+    link: &mut dyn Link,
+    settings: &Settings,
+    found: &mut Found,
+    from: Step,
+    stop: &AtomicBool,
+    mut said: impl FnMut(Step, &Result<String, Failure>),
+) -> Result<(), (Step, Failure)> {
+    let mut session = Session { link, stop, settings: *settings };
+    let result = begin(&mut session, found).map_err(|failure| (from, failure)).and_then(|()| {
+        for step in Step::ALL.into_iter().filter(|step| *step >= from) {
+            let result = step.run(&mut session, found);
+            said(step, &result);
+            let words = result.map_err(|failure| (step, failure))?;
+            found.done.push((step, words));
+            found.parameters = TABLE.iter().map(|row| (row.name.to_owned(), row.get(&session.settings))).collect();
+        }
+        Ok(())
+    });
+    match (result, end(&mut session)) {
+        (Ok(()), Err(failure)) => Err((Step::Save, failure)),
+        (result, _) => result,
+    }
+}
+
+/// Brakes what moves, then turns the bridge off; the bridge goes off even if braking fails.
+fn end(session: &mut Session) -> Result<(), Failure> {
+    let braked = session.brake();
+    session.link.order(&Order::Disable)?;
+    braked
+}
+
+/// Takes up what is written down.
+fn begin(session: &mut Session, found: &Found) -> Result<(), Failure> {
+    let settings = found.settings(&session.settings)?;
+    session.configure(settings)
+}
+
+/// Stores the parameters: bridge off first.
+fn save(session: &mut Session) -> Result<String, Failure> {
+    session.link.order(&Order::Disable)?;
+    session.wait(0.1)?;
+    session.link.save()?;
+    Ok("stored".to_owned())
+}
