@@ -16,13 +16,13 @@ pub const BAUD: u32 = 3_000_000;
 pub struct LinkSender(BufferedUartTx<'static>);
 
 impl LinkSender {
-    /// Takes all of `bytes`, at most [`RING`], once those before them are out.
+    /// Takes all of `bytes`, at most `RING`, once those before them are out.
     ///
     /// That wait is the point of this type: a write of embassy-stm32 0.6.0 whose bytes do not fit into the ring returns `Pending` without
     /// having registered a waker (`usart/buffered.rs`), so that nobody ever wakes it. Into an empty ring they fit.
     ///
     /// # Errors
-    /// More bytes than [`RING`]; none of them is sent.
+    /// More bytes than `RING`; none of them is sent.
     pub async fn send(&mut self, bytes: &[u8]) -> Result<(), Error> {
         self.0.flush().await?;
         self.0.write_all(bytes).await

@@ -11,6 +11,7 @@ use std::time::Duration;
 
 use serde_json::Value;
 use servo_core::settling::TOLERANCES_NM;
+use servo_sim::Stage;
 use servoctl::link::virtual_drive;
 
 /// Runs `servoctl --virtual …` and returns what it printed.
@@ -86,6 +87,7 @@ fn from_the_first_move_to_a_pulled_cable() {
 
     every_move_ends_with_how_it_settled();
     a_parameter_survives_a_reset();
+    the_motor_is_aligned();
     a_move_is_captured(&directory.path().join("move.csv"));
     let log = done("log");
     assert!(log.contains("servo-firmware") && log.contains("OperationEnabled"), "{log}");
@@ -123,6 +125,17 @@ fn a_parameter_survives_a_reset() {
         "params set niasa_time_constant_s 20s",
         &["niasa_time_constant_s = 20", "outside", "`servoctl params list`"],
     );
+}
+
+fn the_motor_is_aligned() {
+    let motor = Stage::default().motor;
+    let found_m = json("align")["commutation_offset_m"].as_f64().unwrap();
+    let off_turns = (found_m - motor.commutation_offset_m) / motor.magnet_pitch_m;
+    assert!((off_turns - off_turns.round()).abs() < 0.1 / 360.0, "{found_m} m");
+    assert_eq!(json("status")["state"], "Switch on disabled");
+    done("enable");
+    refused("align", &["refused Align", "state: Operation enabled", "`servoctl disable`"]);
+    done("disable");
 }
 
 fn a_move_is_captured(file: &Path) {

@@ -92,7 +92,8 @@ fn what_is_wrong_with_stage_motor_or_encoder_is_refused_by_name() {
     let mut blocked = Stage::default();
     blocked.mechanics.travel_m = 1e-6;
     let good = Stage::default();
-    let cases: [(&str, Stage, fn(&mut Plant), Reason); 4] = [
+    type Case = (&'static str, Stage, fn(&mut Plant), Reason);
+    let cases: [Case; 4] = [
         ("blocked stage", blocked, |_| (), Reason::Blocked),
         ("reversed phases", good, Plant::exchange_phases, Reason::Reversed),
         ("encoder reversed", good, Plant::reverse_encoder, Reason::Reversed),

@@ -21,7 +21,9 @@ pub mod theory;
 use clap::{CommandFactory, Parser, Subcommand};
 use std::process::ExitCode;
 
-use drive::{Link, capture, faults, identity, log, motion, params, scope, sequence, stream, virtual_drive, watch};
+use drive::{
+    Link, align, capture, faults, identity, log, motion, params, scope, sequence, stream, virtual_drive, watch,
+};
 
 /// Talks to a servo drive, runs its experiments and reports them.
 #[derive(Debug, Parser)]
@@ -46,6 +48,8 @@ pub enum Command {
     Enable(identity::Options),
     /// Turn the bridge off
     Disable(identity::Options),
+    /// Look for the motor's electrical zero
+    Align(identity::Options),
     /// Move, and report how the stage settled
     Move(motion::Options),
     /// Carry out the commands of a file
@@ -122,6 +126,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         Command::Status(options) => identity::status(link, options),
         Command::Enable(options) => identity::enable(link, options),
         Command::Disable(options) => identity::disable(link, options),
+        Command::Align(options) => return align::run(link, options),
         Command::Move(options) => return motion::run(link, options),
         Command::Sequence(options) => return sequence::run(link, options),
         Command::Stop(options) => identity::stop(link, options),

@@ -126,7 +126,8 @@ pub fn help(refusal: &Refusal) -> Option<&'static str> {
         Refusal::OutOfRange { .. } => "`servoctl params list` shows the limits",
         Refusal::NoPosition => "`servoctl status` shows bad encoder frames: look at the encoder and its cable",
         Refusal::Halted => "the controlword's halt bit is set: clear it where it was set",
-        Refusal::NotAligned(_) | Refusal::NoSignals | Refusal::Signals(_) => return None,
+        Refusal::NotAligned(_) => "`servoctl align` looks for the electrical zero",
+        Refusal::NoSignals | Refusal::Signals(_) => return None,
         Refusal::Aligning | Refusal::Saving | Refusal::Busy => "try again in a moment",
     })
 }

@@ -14,7 +14,7 @@ use crate::link::units::show_length;
 #[derive(Debug, clap::Args)]
 pub struct Options {
     #[command(flatten)]
-    json: Json,
+    pub(super) json: Json,
 }
 
 #[derive(Serialize)]

@@ -1,5 +1,6 @@
 //! Commands that talk to a drive: which drive, and what they share.
 
+pub mod align;
 pub mod black_box;
 pub mod capture;
 pub mod faults;

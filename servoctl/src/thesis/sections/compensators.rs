@@ -14,7 +14,7 @@ const CONFIGURATIONS: &str = "rms of the position error while moving, at the end
 
 /// Why a friction observer is what it is here.
 const OBSERVER: &str = "With friction as it was identified, an observer limit-cycles on those moves whose friction is softer than the \
-     model's (δ < 0 in 7.6). The LuGre observer with half of that friction and a fast error term settles all of them, faster than NIASA: at \
+     model's (δ < 0 in 7.6). The LuGre observer with about a third of that friction and a fast error term settles all of them, faster than NIASA: at \
      rest its bristles are an integrator, and rolling makes them forget, which an integrator of that rate must do to keep the margins of \
      large motions. It does so only behind a dead band of 4.5 standard deviations of the encoder's noise: without one, the noise of |v| \
      empties the bristles within 20 ms, and no move of ten came to ±5 nm";
