@@ -140,7 +140,8 @@ fn the_power_stage_turns_the_bridge_off_by_itself_and_the_drive_can_be_enabled_a
     board.run_for(Duration::from_millis(1)).unwrap();
     for request in [Request::ResetFault, Request::Enable] {
         assert!(matches!(link.request(&mut board, &request).unwrap(), Reply::Done { .. }), "{request:?}");
-        board.run_for(Duration::from_millis(5)).unwrap();
+        // A status is of one tick, which is up to two visits of the telemetry task (10 ms) ago.
+        board.run_for(Duration::from_millis(12)).unwrap();
     }
     assert_eq!(status(&mut board, &mut link).state, State::OperationEnabled);
     assert!(board.bridge_enabled().unwrap());
