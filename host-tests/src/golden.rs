@@ -2,6 +2,8 @@
 
 use servo_core::axis::{Axis, ServoSample};
 use servo_core::config::Config;
+use servo_core::encoder::biss;
+use servo_core::position::Position;
 use servo_core::refusal::Refusal;
 use servo_qemu::digest::Digest;
 use servo_qemu::recording::{PERIODS_BETWEEN, Tick};
@@ -21,6 +23,10 @@ fn tamper(tick: u32, sample: &mut ServoSample, stuck: u64) {
         4_000 => sample.phases.a = u16::MAX,
         4_150 => sample.bus_code = 16_384, // 20 V
         4_310..4_500 => sample.frame = stuck,
+        _ if tick > script::SIN_COS_TICK => {
+            let counts = biss::decode(sample.frame).map_or(0, |reading| reading.counts);
+            sample.frame = script::signals(Position(i64::from(counts))).to_bits();
+        }
         _ => {}
     }
 }

@@ -69,4 +69,5 @@ fn the_run_passes_through_what_it_is_meant_to_cover() {
     assert_eq!(seen_flags & all, all);
     assert_eq!(faults, [Fault::EncoderLost, Fault::OverCurrent, Fault::BusUnderVoltage, Fault::EncoderFrozen]);
     assert_eq!((refusals, captured), (6, script::CAPTURE.samples));
+    assert!(axis.drive().subdivisional_error_m().is_some(), "sine and cosine have taught nothing");
 }
