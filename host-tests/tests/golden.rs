@@ -46,6 +46,9 @@ fn the_run_passes_through_what_it_is_meant_to_cover() {
     let mut at_work = Vec::new();
     let (mut seen_flags, mut faults, mut refusals, mut captured) = (0, Vec::new(), 0, 0);
     for (number, tick) in (0..).zip(&ticks) {
+        if number == script::SIN_COS_TICK {
+            axis = Axis::new(script::sin_cos_config().unwrap());
+        }
         if number == script::CAPTURE_TICK {
             axis.arm_capture(script::CAPTURE);
         }

@@ -13,9 +13,9 @@ use servo_core::record::Selection;
 use servo_core::refusal::Refusal;
 
 /// Servo ticks of the run.
-pub const TICKS: u32 = 5_500;
+pub const TICKS: u32 = 5_600;
 
-/// From the tick after this one on, the encoder is one with sine and cosine, see [`signals`].
+/// Before this tick the drive is switched off and on with another encoder, one with sine and cosine: [`sin_cos_config`], [`signals`].
 pub const SIN_COS_TICK: u32 = 4_830;
 
 /// In this tick, before its command, [`CAPTURE`] is ordered.
@@ -89,16 +89,20 @@ pub fn command(tick: u32) -> Result<Option<Command>, Refusal> {
         }
         4_620..4_790 if tick % 20 == 1 => go(Position(if tick % 40 == 1 { 16_340_000 } else { 16_356_384 }), 0.5, 10.0),
         4_800 => Command::Disable,
-        SIN_COS_TICK => {
-            let config = Config::new(&Settings { encoder_kind: 1.0, ..compensated })?;
-            // An incremental encoder is aligned first; here it has been.
-            Command::Configure { config: Config { commutation_stored: true, ..config }, needs_bridge_off: true }
-        }
         4_840 => Command::Enable,
-        4_860 => go(Position(819_200), 2e-3, 10.0), // 50 µm in 25 ms: all of the signal period, a dozen times
-        5_250 => go(HOME, 0.5, 10.0),
+        4_860 => go(Position(819_200), 0.97e-3, 10.0), // 50 µm in 52 ms: all of the signal period, a dozen times
+        5_400 => go(HOME, 0.5, 10.0),
         _ => return Ok(None),
     }))
+}
+
+/// What the drive is started with at [`SIN_COS_TICK`]: as if it had been aligned since.
+///
+/// # Errors
+/// Settings that the drive refuses.
+pub fn sin_cos_config() -> Result<Config, Refusal> {
+    let settings = Settings { encoder_kind: 1.0, compensator: 1.0, feedforward_mass_kg: 1.8, ..settings() };
+    Ok(Config { commutation_stored: true, ..Config::new(&settings)? })
 }
 
 /// What an encoder with sine and cosine tells at a position: a little out of true, so that the drive has something to learn.

@@ -127,7 +127,7 @@ impl Nucleo {
     /// Turns the comparators of cosine and sine on PD12 and PD13 from one quarter of a period to another, edge by edge. Nothing
     /// happens while the pins belong to something else than TIM4.
     pub fn turn_quadrature(&mut self, from: i64, to: i64, at: VirtualNanos) {
-        let wired = self.mcu.bus().registers("GPIOD").is_ok_and(|port| {
+        let wired = self.mcu.bus().registers("GPIOD").is_some_and(|port| {
             let (mode, function) = (port.get(Gpio::Moder), port.get(Gpio::Afrh));
             mode & 0b1111 << 24 == QUADRATURE_MODE && function & 0xff << 16 == QUADRATURE_FUNCTION
         });

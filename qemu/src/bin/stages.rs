@@ -45,6 +45,10 @@ fn run() -> Result<Digest, Failure> {
     let mut capture = Capture::default();
     let mut stages = Stages::new();
     image::replay(|digest, number, tick| {
+        if number == script::SIN_COS_TICK {
+            drive = Drive::new(script::sin_cos_config()?);
+            (current, capture) = Default::default();
+        }
         if number == script::CAPTURE_TICK {
             capture.arm(script::CAPTURE);
         }
