@@ -95,6 +95,9 @@ fn from_the_first_move_to_a_pulled_cable() {
     a_second_client_is_told_why();
     a_fault_is_explained_and_its_ticks_computed_again(&directory.path().join("black-box.csv"));
     a_pulled_cable_ends_the_move();
+    an_encoder_without_sine_and_cosine_is_not_calibrated();
+    done("virtual --stop");
+    sine_and_cosine_are_calibrated();
 }
 
 fn every_move_ends_with_how_it_settled() {
@@ -188,6 +191,40 @@ fn a_fault_is_explained_and_its_ticks_computed_again(file: &Path) {
     assert_eq!(rows.len() as u64, ticks + 1);
     done("params load");
     assert_eq!(json("faults clear")["fault"], Value::Null);
+}
+
+fn an_encoder_without_sine_and_cosine_is_not_calibrated() {
+    refused("calibrate-encoder", &["refused CollectSignals", "no sine and cosine", "encoder_kind"]);
+    assert_eq!(json("status")["subdivisional_error_m"], Value::Null);
+}
+
+/// Another drive, from its data sheets to stored corrections.
+fn sine_and_cosine_are_calibrated() {
+    let stage = concat!(env!("CARGO_MANIFEST_DIR"), "/../sim/stages/sin-cos.toml");
+    // The one before ends within a moment of its state file's end.
+    thread::sleep(Duration::from_secs(1));
+    done(&format!("virtual --stage {stage}"));
+    for (name, of_a_data_sheet) in
+        [("sincos_cos_offset", 0), ("sincos_sin_offset", 0), ("sincos_gain", 1), ("sincos_phase_rad", 0)]
+    {
+        done(&format!("params set {name} {of_a_data_sheet}"));
+    }
+    refused("calibrate-encoder", &["refused Enable", "not aligned", "`servoctl align`"]);
+    done("align");
+    let found = json("calibrate-encoder");
+    let off = |name: &str, value: f64| (found[name].as_f64().unwrap() - value).abs();
+    for (name, value) in
+        [("sincos_cos_offset", 0.02), ("sincos_sin_offset", -0.02), ("sincos_gain", 1.02), ("sincos_phase_rad", 0.0349)]
+    {
+        assert!(off(name, value) < 1e-3, "{found}");
+    }
+    assert!(found["error_after_m"].as_f64().unwrap() < 0.3e-9, "{found}");
+    let text = done("status");
+    assert!(text.contains("sub-divisional error") && text.contains(" pm"), "{text}");
+    done("disable");
+    done("params save");
+    json("restart");
+    assert_eq!(json("params get sincos_gain")["sincos_gain"], found["sincos_gain"]);
 }
 
 /// As the drive sees it: in mid-move nothing more comes.
