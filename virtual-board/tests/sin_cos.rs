@@ -196,20 +196,22 @@ fn what_was_found_is_saved_with_the_other_parameters_and_used_after_the_next_sta
     session.board.check_told().unwrap();
 }
 
-/// Mean settling time to ±10 nm after the profile, s: 5 mm at 1 m/s² without feedforward, to and fro, as the first experiment.
+/// Mean settling time to ±10 nm after the profile, s: 5 mm at 1 m/s² without feedforward, as the first experiment, to and fro five times,
+/// of which the first one only makes the friction forget where it was.
 fn settled_s(session: &mut Session) -> f64 {
     common::set(session, "feedforward_mass_kg", 0.0);
     let ten_nm = TOLERANCES_NM.iter().position(|nm| *nm == 10).unwrap();
-    let targets_m = [5e-3, 0.0];
-    let settled_s = targets_m.map(|to_m| {
+    let mut settled_s = Vec::new();
+    for to_m in [5e-3, 0.0].repeat(5) {
         go(session, to_m, 0.5, 1.0);
-        session.board.run_for(Duration::from_millis(300)).unwrap();
+        session.board.run_for(Duration::from_millis(150)).unwrap();
         let settling = session.settling().unwrap();
-        settling.settled_after_s(ten_nm).unwrap_or_else(|| panic!("{to_m} m: {settling:?}"))
-    });
+        settled_s.push(settling.settled_after_s(ten_nm).unwrap_or_else(|| panic!("{to_m} m: {settling:?}")));
+    }
     let status = session.status().unwrap();
     assert_eq!((status.counters.bad_frames, status.counters.overruns), (0, 0));
-    settled_s.iter().sum::<f64>() / targets_m.len() as f64
+    let counted_s = &settled_s[2..];
+    counted_s.iter().sum::<f64>() / counted_s.len() as f64
 }
 
 #[test]
