@@ -61,7 +61,7 @@ fn answer(id: u32) -> Vec<u8> {
 
 /// As patient as a computer may need that has other things to do.
 fn connect(device: &str) -> Result<Drive, Error> {
-    Drive::connect(Client::new(open(device)?, Patience::VIRTUAL, 1))
+    Drive::connect(Client::new(open(device)?, Patience::TCP, 1))
 }
 
 #[test]
@@ -80,7 +80,7 @@ fn a_second_client_is_told_that_another_one_has_the_port() {
 #[test]
 fn a_pulled_cable_breaks_the_link_at_once() {
     let far = Far::new();
-    let mut client = Client::new(open(&far.device).unwrap(), Patience::VIRTUAL, 1);
+    let mut client = Client::new(open(&far.device).unwrap(), Patience::TCP, 1);
     assert!(matches!(client.request(&Request::Identity), Ok(Reply::Identity(_))));
     far.pull();
     let error = client.request(&Request::Identity).unwrap_err();

@@ -15,6 +15,10 @@ use crate::VirtualBoard;
 const SLICE: Duration = Duration::from_micros(500);
 /// Wall time between two looks for a client while there is none.
 const LOOK: Duration = Duration::from_millis(20);
+/// After so long without a byte for the client it gets an empty frame: the board may be slow, but it is there.
+const SIGN_OF_LIFE: Duration = Duration::from_millis(100);
+/// A client that takes nothing for so long has gone.
+const DEAF: Duration = Duration::from_secs(10);
 
 /// How to serve.
 #[derive(Clone, Debug)]
@@ -40,41 +44,34 @@ pub fn serve(board: &mut VirtualBoard, listener: &TcpListener, service: &Service
         Some(path) => Some(File::create(path).with_context(|| format!("writing {}", path.display()))?),
         None => None,
     };
-    let mut client: Option<TcpStream> = None;
+    let mut line = Line { client: None, in_frame: false, sent: Instant::now() };
     let mut pace = Pace::from(board);
     let mut last_seen = Instant::now();
     let mut last_look = Instant::now();
     loop {
-        if client.is_none() || last_look.elapsed() > LOOK {
+        if line.client.is_none() || last_look.elapsed() > LOOK {
             last_look = Instant::now();
             if service.while_exists.as_ref().is_some_and(|file| !file.exists()) {
                 return Ok(());
             }
             if let Some(new) = arrived(listener)? {
                 // The one before may have gone since it was last looked at: its end comes behind what it sent.
-                for _ in 0..2 {
-                    if let Some(stream) = &mut client
-                        && exchange(board, stream)?.is_none()
-                    {
-                        client = None;
-                    }
-                }
+                line.exchange(board)?;
+                line.exchange(board)?;
                 // Another one is dropped, which closes its connection.
-                if client.is_none() {
-                    client = Some(new);
+                if line.client.is_none() {
+                    line.client = Some(new);
                     pace = Pace::from(board);
                 }
             }
         }
-        if let Some(stream) = &mut client {
+        line.exchange(board)?;
+        if line.client.is_some() {
             last_seen = Instant::now();
-            if exchange(board, stream)?.is_none() {
-                client = None;
-            }
         } else if last_seen.elapsed() > service.idle {
             return Ok(());
         }
-        if client.is_some() || service.runs_on {
+        if line.client.is_some() || service.runs_on {
             board.run_for(SLICE)?;
             pace.wait(board);
         } else {
@@ -100,25 +97,59 @@ fn arrived(listener: &TcpListener) -> Result<Option<TcpStream>> {
     }
 }
 
-/// Moves what there is in both directions; `None` if the client is gone.
-fn exchange(board: &mut VirtualBoard, stream: &mut TcpStream) -> Result<Option<()>> {
-    let mut bytes = [0; 4096];
-    match stream.read(&mut bytes) {
-        Ok(0) => return Ok(None),
-        Ok(length) => board.send(&bytes[..length])?,
-        Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => {}
-        Err(_) => return Ok(None),
+/// The board's serial line, and who is at its other end.
+struct Line {
+    client: Option<TcpStream>,
+    /// The board has begun a frame and not ended it.
+    in_frame: bool,
+    /// When the client was last sent something.
+    sent: Instant,
+}
+
+impl Line {
+    /// Moves what there is in both directions; what the board sends while nobody listens is lost, as on a serial line. A client that has
+    /// gone is forgotten.
+    fn exchange(&mut self, board: &mut VirtualBoard) -> Result<()> {
+        let mut bytes = board.received()?;
+        if let Some(last) = bytes.last() {
+            self.in_frame = *last != 0;
+        } else if !self.in_frame && self.sent.elapsed() > SIGN_OF_LIFE {
+            bytes.push(0);
+        }
+        let Some(stream) = &mut self.client else { return Ok(()) };
+        let mut arrived = [0; 4096];
+        let there = match stream.read(&mut arrived) {
+            Ok(length) => {
+                board.send(&arrived[..length])?;
+                length > 0
+            }
+            Err(error) => is_later(&error),
+        };
+        if !there || !give(stream, &bytes) {
+            self.client = None;
+        } else if !bytes.is_empty() {
+            self.sent = Instant::now();
+        }
+        Ok(())
     }
-    let mut rest = &board.received()?[..];
-    while !rest.is_empty() {
-        match stream.write(rest) {
-            Ok(length) => rest = &rest[length..],
-            // The client does not read: nothing is lost, and no time passes meanwhile.
-            Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => sleep(LOOK),
-            Err(_) => return Ok(None),
+}
+
+/// Sends all of `bytes`, or returns `false`: the client has gone.
+fn give(stream: &mut TcpStream, mut bytes: &[u8]) -> bool {
+    let begun = Instant::now();
+    while !bytes.is_empty() {
+        match stream.write(bytes) {
+            Ok(length) => bytes = &bytes[length..],
+            // It does not read: nothing is lost, and no time passes meanwhile.
+            Err(error) if is_later(&error) && begun.elapsed() < DEAF => sleep(LOOK),
+            Err(_) => return false,
         }
     }
-    Ok(Some(()))
+    true
+}
+
+fn is_later(error: &std::io::Error) -> bool {
+    matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted)
 }
 
 /// Virtual time against the clock on the wall.

@@ -141,7 +141,11 @@ impl Drive {
     fn query<T>(&mut self, request: &Request, take: impl FnOnce(Reply) -> Option<T>) -> Result<T, Error> {
         let reply = self.client.request(request)?;
         if let Reply::Refused(refusal) = reply {
-            return Err(Error::Refused { request: endpoint::of(request).request, refusal, state: None });
+            let state = match self.client.request(&Request::Status) {
+                Ok(Reply::Status(status)) => Some(status.state),
+                _ => None,
+            };
+            return Err(Error::Refused { request: endpoint::of(request).request, refusal, state });
         }
         let name = endpoint::name(&reply);
         take(reply).ok_or(Error::Unexpected { request: endpoint::of(request).request, reply: name })

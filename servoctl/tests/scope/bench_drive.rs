@@ -69,7 +69,7 @@ impl BenchDrive {
     /// What the scope connects to, as often as it likes: a new drive each time.
     pub fn connect(pulled: &Cable) -> anyhow::Result<Connected> {
         let drive = BenchDrive::new(pulled.clone());
-        let drive = Drive::connect(Client::new(Box::new(drive), Patience::VIRTUAL, 1))?;
+        let drive = Drive::connect(Client::new(Box::new(drive), Patience::TCP, 1))?;
         Ok(Connected { drive, is_virtual: true })
     }
 
