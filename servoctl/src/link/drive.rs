@@ -23,6 +23,10 @@ use super::{Client, Error};
 /// A status this much older than the last command comes from a drive that was restarted since, ticks.
 const RESTARTED: u32 = SERVO_HZ / 10;
 
+/// So often a drive that has been restarted is asked whether its control loop runs, and with such pauses.
+const STARTING_LOOKS: u32 = 100;
+const STARTING_LOOK: Duration = Duration::from_millis(20);
+
 /// A drive that speaks our protocol.
 pub struct Drive {
     client: Client,
@@ -321,7 +325,7 @@ impl Drive {
         }
     }
 
-    /// Starts the firmware anew and waits until it answers.
+    /// Starts the firmware anew and waits until it answers and its control loop runs; one that never does is the caller's to see.
     ///
     /// # Errors
     /// A refusal; those of [`Client::request`].
@@ -329,6 +333,12 @@ impl Drive {
         self.order(&Request::Restart)?;
         self.last_tick = 0;
         self.identify()?;
+        for _ in 0..STARTING_LOOKS {
+            if self.status()?.state != State::NotReadyToSwitchOn {
+                break;
+            }
+            self.client.pass(STARTING_LOOK)?;
+        }
         self.status()
     }
 
