@@ -161,6 +161,8 @@ pub fn what_moves_is_stopped() {
     let (mut child, _said) = under_way(command("move 45mm --velocity 2mm/s"));
     child.kill().unwrap();
     child.wait().unwrap();
+    // A status may be of some ms ago.
+    thread::sleep(Duration::from_millis(500));
     assert_eq!(json("status")["moving"], true);
     let stopped = json("stop");
     assert_eq!((&stopped["moving"], &stopped["state"]), (&false.into(), &"Operation enabled".into()));
