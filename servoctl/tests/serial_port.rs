@@ -5,7 +5,7 @@ use std::io::{Read, Write};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{self, JoinHandle};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use serialport::{SerialPort, TTYPort};
 use servo_protocol::frame::{MAX_FRAME, encode};
@@ -85,6 +85,22 @@ fn a_pulled_cable_breaks_the_link_at_once() {
     far.pull();
     let error = client.request(&Request::Identity).unwrap_err();
     assert!(matches!(error, Error::Broken(_)), "{error}");
+}
+
+#[test]
+fn a_cable_pulled_while_an_answer_is_waited_for_breaks_the_link_at_once() {
+    let far = Far::new();
+    let mut client = Client::new(open(&far.device).unwrap(), Patience::TCP, 1);
+    let pulled = thread::spawn(move || {
+        thread::sleep(Duration::from_millis(100));
+        far.pull();
+        Instant::now()
+    });
+    // It is never answered.
+    let error = client.request(&Request::Status).unwrap_err();
+    let reported = pulled.join().unwrap().elapsed();
+    assert!(matches!(error, Error::Broken(_)), "{error}");
+    assert!(reported < Duration::from_millis(500), "{reported:?}");
 }
 
 #[test]
