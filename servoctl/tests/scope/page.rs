@@ -84,7 +84,7 @@ fn a_click_moves_the_drive_and_the_traces_show_it() {
     let position_mm = position_mm(&mut page);
     assert!((position_mm - 1.0).abs() < 1e-4, "{position_mm} mm");
     // Half a second at the full 8 kHz from the end of the profile on, and a tenth of it before.
-    assert_eq!(page.eval("document.querySelector('#settling').dataset.samples"), "4400");
+    page.wait("document.querySelector('#settling').dataset.samples === '4400'");
     for plot in ["#live", "#settling", "#loop"] {
         page.wait(&format!("Number(document.querySelector('{plot}').dataset.samples) > 10"));
         assert!(drawn(&mut page, plot) > 50, "{plot} shows no trace");
