@@ -23,6 +23,10 @@ use super::{Client, Error};
 /// A status this much older than the last command comes from a drive that was restarted since, ticks.
 const RESTARTED: u32 = SERVO_HZ / 10;
 
+/// So often a drive that has been restarted is asked whether its control loop runs, and with such pauses.
+const STARTING_LOOKS: u32 = 100;
+const STARTING_LOOK: Duration = Duration::from_millis(20);
+
 /// A drive that speaks our protocol.
 pub struct Drive {
     client: Client,
@@ -141,7 +145,11 @@ impl Drive {
     fn query<T>(&mut self, request: &Request, take: impl FnOnce(Reply) -> Option<T>) -> Result<T, Error> {
         let reply = self.client.request(request)?;
         if let Reply::Refused(refusal) = reply {
-            return Err(Error::Refused { request: endpoint::of(request).request, refusal, state: None });
+            let state = match self.client.request(&Request::Status) {
+                Ok(Reply::Status(status)) => Some(status.state),
+                _ => None,
+            };
+            return Err(Error::Refused { request: endpoint::of(request).request, refusal, state });
         }
         let name = endpoint::name(&reply);
         take(reply).ok_or(Error::Unexpected { request: endpoint::of(request).request, reply: name })
@@ -317,7 +325,7 @@ impl Drive {
         }
     }
 
-    /// Starts the firmware anew and waits until it answers.
+    /// Starts the firmware anew and waits until it answers and its control loop runs; one that never does is the caller's to see.
     ///
     /// # Errors
     /// A refusal; those of [`Client::request`].
@@ -325,6 +333,12 @@ impl Drive {
         self.order(&Request::Restart)?;
         self.last_tick = 0;
         self.identify()?;
+        for _ in 0..STARTING_LOOKS {
+            if self.status()?.state != State::NotReadyToSwitchOn {
+                break;
+            }
+            self.client.pass(STARTING_LOOK)?;
+        }
         self.status()
     }
 

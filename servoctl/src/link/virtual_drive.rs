@@ -1,8 +1,11 @@
 //! The virtual drive in the background: found if it runs, else built and started.
 //!
-//! It writes its address to a state file and ends when that file is removed, so that no process has to be hunted.
+//! It writes its address to a state file and ends when that file is removed, so that no process has to be hunted. While it lives it holds a
+//! lock on the file, which the system takes away however the process ends: a file without a lock is what a killed one has left.
 
-use std::io::{BufRead, BufReader};
+use std::fs::{File, TryLockError};
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
@@ -42,10 +45,38 @@ pub fn log_file() -> PathBuf {
     state_file().with_extension("log")
 }
 
-/// The address of the virtual drive that runs, if one does.
+/// The address of the virtual drive that runs, if one does. What a killed one has left is cleared away.
 pub fn find() -> Option<String> {
-    let address = std::fs::read_to_string(state_file()).ok()?;
+    find_at(&state_file())
+}
+
+fn find_at(state: &Path) -> Option<String> {
+    let mut file = File::open(state).ok()?;
+    match file.try_lock_shared() {
+        // Held by the drive; where there are no locks, the file has to be believed.
+        Err(TryLockError::WouldBlock | TryLockError::Error(_)) => {}
+        Ok(()) => {
+            let _ = std::fs::remove_file(state);
+            return None;
+        }
+    }
+    let mut address = String::new();
+    file.read_to_string(&mut address).ok()?;
     Some(format!("tcp://{}", address.trim()))
+}
+
+/// For the drive: says at `state` where it is, as long as it keeps what this returns.
+///
+/// # Errors
+/// The file cannot be written or locked.
+pub fn publish(state: &Path, address: SocketAddr) -> std::io::Result<File> {
+    // Whole and locked, or not at all: somebody may be waiting for it.
+    let unfinished = state.with_extension("new");
+    let mut file = File::create(&unfinished)?;
+    file.lock()?;
+    write!(file, "{address}")?;
+    std::fs::rename(&unfinished, state)?;
+    Ok(file)
 }
 
 /// Ends the virtual drive; `false` if there was none.
@@ -119,4 +150,25 @@ fn workspace() -> Option<PathBuf> {
     let by_cargo = std::env::var_os("CARGO_MANIFEST_DIR").map(PathBuf::from);
     let here = by_cargo.or_else(|| std::env::current_dir().ok())?;
     here.ancestors().find(|directory| directory.join("xtask/Cargo.toml").exists()).map(Path::to_owned)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_drive_is_found_while_it_lives_and_what_a_killed_one_left_is_cleared_away() {
+        let directory = tempfile::tempdir().unwrap();
+        let state = directory.path().join("state");
+        assert_eq!(find_at(&state), None);
+        let alive = publish(&state, "127.0.0.1:5025".parse().unwrap()).unwrap();
+        for _ in 0..2 {
+            assert_eq!(find_at(&state).as_deref(), Some("tcp://127.0.0.1:5025"));
+        }
+        // As the system does it when the process is killed.
+        drop(alive);
+        assert!(state.exists());
+        assert_eq!(find_at(&state), None);
+        assert!(!state.exists());
+    }
 }

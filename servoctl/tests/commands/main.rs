@@ -3,9 +3,12 @@
 //! Needs the virtual drive: `cargo xtask test --only commands` builds it and says where it is.
 #![cfg(unix)]
 
+mod cable;
+mod typed;
+
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
-use std::process::{Child, Command, Output, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::thread;
 use std::time::Duration;
 
@@ -14,47 +17,87 @@ use servo_core::settling::TOLERANCES_NM;
 use servo_sim::Stage;
 use servoctl::link::virtual_drive;
 
-/// Runs `servoctl --virtual …` and returns what it printed.
-fn servoctl(words: &str) -> Output {
-    command(words).output().unwrap()
+/// `servoctl --virtual …`
+fn command(words: &str) -> Command {
+    program(&["--virtual"], words)
 }
 
-fn command(words: &str) -> Command {
+/// `servoctl --port …`
+fn at(port: &str, words: &str) -> Command {
+    program(&["--port", port], words)
+}
+
+fn program(link: &[&str], words: &str) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_servoctl"));
-    command.arg("--virtual").args(words.split_whitespace()).stdin(Stdio::null());
+    command.args(link).args(words.split_whitespace()).stdin(Stdio::null());
     command
 }
 
 /// It must succeed; its standard output.
 fn done(words: &str) -> String {
-    let output = servoctl(words);
-    assert!(output.status.success(), "{words}: {}", String::from_utf8_lossy(&output.stderr));
+    done_by(command(words))
+}
+
+fn done_by(mut command: Command) -> String {
+    let output = command.output().unwrap();
+    assert!(output.status.success(), "{command:?}: {}", String::from_utf8_lossy(&output.stderr));
     String::from_utf8(output.stdout).unwrap()
 }
 
 /// It must succeed; what it says to a program.
 fn json(words: &str) -> Value {
-    serde_json::from_str(&done(&format!("{words} --json -"))).unwrap()
+    json_by(command(words))
 }
 
-/// It must fail and say all of `parts`.
-fn refused(words: &str, parts: &[&str]) {
-    let output = servoctl(words);
+fn json_by(mut command: Command) -> Value {
+    command.args(["--json", "-"]);
+    serde_json::from_str(&done_by(command)).unwrap()
+}
+
+/// It must fail and say all of `parts`; its standard output.
+fn refused(words: &str, parts: &[&str]) -> String {
+    refused_by(command(words), parts)
+}
+
+fn refused_by(mut command: Command, parts: &[&str]) -> String {
+    let output = command.output().unwrap();
     let said = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(1), "{words}: {said}");
-    assert!(parts.iter().all(|part| said.contains(part)), "{words}: {said}");
+    assert_eq!(output.status.code(), Some(1), "{command:?}: {said}");
+    assert!(parts.iter().all(|part| said.contains(part)), "{command:?}: {said}");
+    String::from_utf8(output.stdout).unwrap()
 }
 
-/// A long move, once it has begun.
-fn under_way(words: &str) -> (Child, BufReader<impl Read>) {
-    let mut child = command(words).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+/// A long move, once it has begun, and what it says after that.
+fn under_way(mut command: Command) -> (Child, BufReader<impl Read>) {
+    let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let mut said = BufReader::new(child.stderr.take().unwrap());
     let mut line = String::new();
     while !line.starts_with("moving to") {
         line.clear();
-        assert!(said.read_line(&mut line).unwrap() > 0, "{words} ended before it moved");
+        assert!(said.read_line(&mut line).unwrap() > 0, "{command:?} ended before it moved");
     }
     (child, said)
+}
+
+/// What prints line by line, once it has printed the first.
+fn first_line(mut command: Command) -> (Child, String) {
+    let mut child = command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
+    let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
+    let line = lines.next().unwrap().unwrap();
+    // It goes on printing.
+    thread::spawn(move || lines.for_each(drop));
+    (child, line)
+}
+
+/// The drive goes into this fault by itself, in silence. The emulated board may be slower than the clock on the wall, and whoever asks
+/// keeps it from timing out.
+fn fault_within(number: u64) {
+    let silences_s = [1, 2, 4, 8, 16, 32];
+    let ended = silences_s.into_iter().any(|silence_s| {
+        thread::sleep(Duration::from_secs(silence_s));
+        json("faults")["fault"] == number
+    });
+    assert!(ended, "{}", done("status"));
 }
 
 fn interrupt(child: &Child) {
@@ -83,18 +126,28 @@ fn from_the_first_move_to_a_pulled_cable() {
     let _background = Background;
     let directory = tempfile::tempdir().unwrap();
     // Time passes while nobody is connected, as on a board.
-    assert!(done("virtual --runs-on").starts_with("tcp://127.0.0.1:"));
+    let drive = done("virtual --runs-on").trim().to_owned();
+    assert!(drive.starts_with("tcp://127.0.0.1:"), "{drive}");
 
     every_move_ends_with_how_it_settled();
     a_parameter_survives_a_reset();
     the_motor_is_aligned();
     a_move_is_captured(&directory.path().join("move.csv"));
-    let log = done("log");
-    assert!(log.contains("servo-firmware") && log.contains("OperationEnabled"), "{log}");
+    typed::the_drive_says_who_it_is();
+    cable::a_virtual_drive_says_so_whatever_leads_to_it(&drive);
+    typed::the_log_is_read_with_the_elf_that_is_on_the_drive(directory.path());
+    typed::the_log_of_a_board_is_read_by_probe_rs(directory.path());
+    typed::parameters_go_to_a_file_and_come_back(directory.path());
+    typed::a_stream_is_written_without_a_loss(directory.path());
+    typed::a_sequence_reports_what_it_has_done_however_it_ends(directory.path());
+    typed::what_moves_is_stopped();
     ctrl_c_stops_the_motion_first();
     a_second_client_is_told_why();
+    cable::a_second_client_of_a_serial_port_is_told_why(&drive);
     a_fault_is_explained_and_its_ticks_computed_again(&directory.path().join("black-box.csv"));
-    a_pulled_cable_ends_the_move();
+    a_host_that_dies_in_mid_move_ends_it();
+    cable::a_pulled_cable_is_reported_within_a_second_and_ends_the_move(&drive);
+    typed::a_killed_drive_is_not_in_the_way(directory.path());
 }
 
 fn every_move_ends_with_how_it_settled() {
@@ -151,7 +204,7 @@ fn a_move_is_captured(file: &Path) {
 }
 
 fn ctrl_c_stops_the_motion_first() {
-    let (mut child, mut said) = under_way("move 45mm --velocity 2mm/s");
+    let (mut child, mut said) = under_way(command("move 45mm --velocity 2mm/s"));
     interrupt(&child);
     let mut rest = String::new();
     said.read_to_string(&mut rest).unwrap();
@@ -163,9 +216,8 @@ fn ctrl_c_stops_the_motion_first() {
 }
 
 fn a_second_client_is_told_why() {
-    let mut first = command("watch position --json -").stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
-    let mut lines = BufReader::new(first.stdout.take().unwrap()).lines();
-    let line: Value = serde_json::from_str(&lines.next().unwrap().unwrap()).unwrap();
+    let (mut first, line) = first_line(command("watch position --json -"));
+    let line: Value = serde_json::from_str(&line).unwrap();
     assert!(line["position_mm"].is_f64(), "{line}");
     refused("status", &["serves another client (one at a time)"]);
     interrupt(&first);
@@ -190,20 +242,15 @@ fn a_fault_is_explained_and_its_ticks_computed_again(file: &Path) {
     assert_eq!(json("faults clear")["fault"], Value::Null);
 }
 
-/// As the drive sees it: in mid-move nothing more comes.
-fn a_pulled_cable_ends_the_move() {
+/// A pulled cable as the drive sees it: in mid-move nothing more comes.
+fn a_host_that_dies_in_mid_move_ends_it() {
     done("params set command_timeout_s 200ms");
     // A host that only waits for the end of its move is there.
     json("move 1mm --relative --velocity 1mm/s");
-    let (mut child, _said) = under_way("move -40mm --velocity 1mm/s");
+    let (mut child, _said) = under_way(command("move -40mm --velocity 1mm/s"));
     child.kill().unwrap();
     child.wait().unwrap();
-    // The emulated board may be slower than the clock on the wall, and whoever asks keeps it from timing out.
-    let silences_s = [1, 2, 4, 8, 16, 32];
-    let ended = silences_s.into_iter().any(|silence_s| {
-        thread::sleep(Duration::from_secs(silence_s));
-        json("faults")["fault"] == 19
-    });
-    assert!(ended, "{}", done("status"));
+    fault_within(19);
     assert_eq!(json("status")["moving"], false);
+    json("faults clear");
 }
