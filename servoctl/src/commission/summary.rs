@@ -19,7 +19,7 @@ pub struct Summary {
     pub tried: usize,
     /// Commissioned to the end.
     pub succeeded: usize,
-    /// Ended with the bridge on, or with the axis in motion.
+    /// Ended with the bridge on, in motion, without a report, or with saved parameters that oscillate.
     pub unsafe_ends: usize,
     /// Least gain of NIASA of a stage that succeeded (%).
     pub least_gain_percent: Option<f64>,
@@ -82,7 +82,7 @@ impl Many {
             seed,
             tried: stages.len(),
             succeeded: good().count(),
-            unsafe_ends: stages.iter().filter(|c| !c.safe).count(),
+            unsafe_ends: stages.iter().filter(|c| c.unsafe_end.is_some()).count(),
             least_gain_percent: good().filter_map(|c| c.found.gain()).map(|gain| 100.0 * gain).reduce(f64::min),
             sigma_error_percent: errors(|c| percent(c.found.sigma_n_per_m, c.true_sigma_n_per_m)),
             coulomb_error_percent: errors(|c| percent(c.found.coulomb_n, c.true_coulomb_n)),
@@ -136,8 +136,14 @@ fn row(c: &Commissioned) -> [String; 13] {
         show(settled.map(|ms| ms[0]), 0),
         show(settled.map(|ms| ms[1]), 0),
         show(found.gain().map(|gain| 100.0 * gain), 0),
-        c.ended.as_ref().map_or_else(String::new, |(step, why)| format!("{step:?}: {why}")),
+        ended(c),
     ]
+}
+
+fn ended(c: &Commissioned) -> String {
+    let refused = c.ended.iter().map(|(step, why)| format!("{step:?}: {why}"));
+    let parts: Vec<String> = refused.chain(c.unsafe_end.iter().map(|why| format!("UNSAFE: {why}"))).collect();
+    parts.join("; ")
 }
 
 impl Summary {
