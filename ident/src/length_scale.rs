@@ -73,9 +73,12 @@ impl Swing {
 /// # Source
 /// Section 5.3; its worked example is 8 ms expected, 23 ms from −637 nm to 115 nm: about 600 nm.
 pub fn find(swing: &Swing, expected_s: f64, factor: f64) -> Result<LengthScale, DataError> {
-    within("expected", expected_s, 1e-6, 1e3)?;
-    within("factor", factor, 1.05, 10.0)?;
     let undetermined = |why: String| DataError::Undetermined { what: "length_m", why };
+    within("factor", factor, 1.05, 10.0)?;
+    if expected_s == f64::INFINITY {
+        return Err(undetermined("the linear loop does not swing".to_owned()));
+    }
+    within("expected", expected_s, 1e-6, 1e3)?;
     let extremes = &swing.extremes;
     let Some(last) = extremes.last() else {
         return Err(undetermined("the step does not overshoot".to_owned()));

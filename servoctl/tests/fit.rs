@@ -20,7 +20,8 @@ type Rows = Vec<[f64; 4]>;
 
 /// A second of a decaying sine of 1 µm at 8 Hz on Dahl's friction, with noise.
 fn measured() -> Rows {
-    let (mut friction, mut noise, mut before_m) = (Dahl::new(SIGMA_N_PER_M, COULOMB_N), Noise::new(1, Purpose::Encoder, 0), 0.0);
+    let (mut friction, mut noise, mut before_m) =
+        (Dahl::new(SIGMA_N_PER_M, COULOMB_N), Noise::new(1, Purpose::Encoder, 0), 0.0);
     let omega = std::f64::consts::TAU * 8.0;
     (0..8_000)
         .map(|i| {
@@ -137,7 +138,7 @@ fn the_search_is_ten_times_faster_than_the_genetic_algorithm_and_no_worse() {
 /// 5 mm forth and back at 5 m/s², with Coulomb friction.
 #[test]
 fn a_move_tells_the_mass_and_checks_the_force_constant() {
-    let (mut x, mut v, mut rows) = (0.0, 0.0, Rows::new());
+    let (mut x, mut v, mut rows, mut noise) = (0.0, 0.0, Rows::new(), Noise::new(2, Purpose::PhaseAdc, 0));
     for i in 0..4_000 {
         let phase = match i % 2_000 {
             0..250 => 5.0,
@@ -146,7 +147,8 @@ fn a_move_tells_the_mass_and_checks_the_force_constant() {
         };
         let a = if i < 2_000 { phase } else { -phase };
         let friction_n = if v == 0.0 { 0.0 } else { COULOMB_N * f64::signum(v) };
-        rows.push([f64::from(i) / RATE_HZ, x, 0.0, (MASS_KG * a + friction_n) / FORCE_CONSTANT_N_PER_A]);
+        let current_a = (MASS_KG * a + friction_n) / FORCE_CONSTANT_N_PER_A + 3e-4 * noise.normal();
+        rows.push([f64::from(i) / RATE_HZ, x + 0.44e-9 * noise.normal(), 0.0, current_a]);
         x += v / RATE_HZ;
         v += a / RATE_HZ;
         if v.abs() < 1e-9 {
@@ -161,6 +163,13 @@ fn a_move_tells_the_mass_and_checks_the_force_constant() {
     File::new(&measured(), "force_n").refuses("move --force-constant 7.8", "no column current_a");
 }
 
+/// An encoder that flickers between a few counts.
+fn flicker(rows: &mut Rows) {
+    for (i, row) in rows.iter_mut().enumerate() {
+        row[1] = 61e-12 * (i * 7_919 % 5) as f64;
+    }
+}
+
 #[test]
 fn bad_data_are_refused_by_name_with_their_line() {
     let changed = |change: fn(&mut Rows)| {
@@ -171,10 +180,13 @@ fn bad_data_are_refused_by_name_with_their_line() {
     for (rows, part) in [
         (changed(|rows| rows.truncate(99)), "samples = 99 is too few: 100 or more are needed"),
         (changed(|rows| rows.iter_mut().for_each(|row| row[1] = 1e-6 * row[0])), "position_m has no reversal"),
-        (changed(|rows| rows.iter_mut().for_each(|row| row[1] *= 1e-3)), "no motion beyond its noise"),
+        (changed(flicker), "no motion beyond its noise"),
         (changed(|rows| rows[1234][1] = f64::NAN), "line 1236: position_m = NaN is not a finite number"),
         (changed(|rows| rows[1234][0] = f64::INFINITY), "line 1236: time_s = inf is not a finite number"),
-        (changed(|rows| drop(rows.drain(1000..1001))), "line 1002: time_s = 0.125125: a gap of 0.000250000 s before it, dropped samples"),
+        (
+            changed(|rows| drop(rows.drain(1000..1001))),
+            "line 1002: time_s = 0.125125: a gap of 0.000250000 s before it, dropped samples",
+        ),
         (changed(|rows| rows[4000][0] = rows[3990][0]), "line 4002: time_s = 0.49875 goes backwards"),
     ] {
         for (column, words) in [("force_n", ""), ("current_a", CURRENT)] {

@@ -5,7 +5,7 @@ mod common;
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use common::{BOOT, elf};
 use servo_core::config::Compensator;
@@ -112,6 +112,8 @@ fn a_motor_that_nobody_has_aligned_is_aligned_first_and_a_stop_turns_the_bridge_
     drop(link);
     let mut session = afterwards(board);
     assert!(!session.board.bridge_enabled().unwrap());
+    // A status is up to 10 ms old.
+    session.board.run_for(Duration::from_millis(20)).unwrap();
     let status = session.status().unwrap();
     assert_eq!((status.state, status.fault, status.moving), (State::SwitchOnDisabled, None, false));
 }

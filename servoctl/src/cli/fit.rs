@@ -108,7 +108,10 @@ pub fn run(options: &Options) -> Result<()> {
         Options::Move(Fit { data, json }) => {
             let force_constant = data.force_constant.context("a move needs --force-constant")?;
             let fit = data.columns()?.moves(force_constant).with_context(|| data.name())?;
-            let checked = Moved { force_constant_n_per_a: data.mass.map(|kg| fit.force_constant_n_per_a(force_constant, kg)), fit };
+            let checked = Moved {
+                force_constant_n_per_a: data.mass.map(|kg| fit.force_constant_n_per_a(force_constant, kg)),
+                fit,
+            };
             json.write(&checked, || checked.to_text(&data.name()))
         }
         Options::Maxwell(SlipFit { fit: Fit { data, json }, elements }) => {

@@ -270,9 +270,11 @@ impl Session<'_> {
         let names = ["error_ct", "position_low_ct", "force_n"];
         let [error_ct, position_ct, force_n] = self.signals(names, order, length_s, every_ticks)?;
         let count_m = self.settings.encoder_count_m;
-        let samples = error_ct.into_iter().zip(force_n).zip(from_first(&position_ct)).map(|((error_ct, force_n), ct)| {
-            Sample { error_m: error_ct * count_m, position_m: ct * count_m, force_n }
-        });
+        let samples = error_ct
+            .into_iter()
+            .zip(force_n)
+            .zip(from_first(&position_ct))
+            .map(|((error_ct, force_n), ct)| Sample { error_m: error_ct * count_m, position_m: ct * count_m, force_n });
         Ok(samples.collect())
     }
 

@@ -117,7 +117,8 @@ pub fn plant(session: &mut Session, found: &mut Found) -> Result<String, Failure
     let settings = session.settings;
     let speed = SWEEP_SHARE * CARRIER_M_PER_S;
     let amplitude_n = |hz: f64| (LIGHTEST_KG * std::f64::consts::TAU * hz * speed).min(SWEEP_MAX_N);
-    let tones: Vec<Tone> = logarithmic(SWEEP_HZ, SWEEP_POINTS).map(|hz| Tone { hz, amplitude: amplitude_n(hz) }).collect();
+    let tones: Vec<Tone> =
+        logarithmic(SWEEP_HZ, SWEEP_POINTS).map(|hz| Tone { hz, amplitude: amplitude_n(hz) }).collect();
     let mut carrier = Carrier::begin(session, CARRIER_M_PER_S)?;
     let readings = sweep(session, &tones, &bounds(&settings), Some(&mut carrier), (0, SWEEP_POINTS))?;
     let plant: Vec<Point> = readings.iter().map(|reading| sweep::plant(reading, settings.encoder_count_m)).collect();

@@ -41,8 +41,8 @@ use servo_ident::length_scale::Extreme;
 use servo_ident::tuning::{Niasa, Pid, STANDARD, Stability, Wish};
 
 pub use friction::ProfileFit;
-pub use loops::{CROSSOVER_HZ, PHASE_MARGIN_DEG};
 pub use link::{Link, Order, Sample, Session, Status, from_first};
+pub use loops::{CROSSOVER_HZ, PHASE_MARGIN_DEG};
 pub use on_line::OnLine;
 pub use simulated::{Simulated, data_sheet};
 pub use summary::{Many, Summary};

@@ -11,6 +11,21 @@ use crate::plot::{Axis, Band, Plot, Series};
 use crate::report::Report;
 use crate::table::{MISSING, Table, number};
 
+/// Parameters that commissioning sets.
+const SET: [&str; 11] = [
+    "commutation_offset_m",
+    "commutation_identity",
+    "position_gain_per_s",
+    "velocity_gain_n_s_per_m",
+    "velocity_integral_per_s",
+    "niasa_stiffness_n_per_m",
+    "niasa_coulomb_n",
+    "niasa_time_constant_s",
+    "niasa_rate_limit_n",
+    "niasa_hysteresis_m",
+    "compensator",
+];
+
 /// The page as HTML; `caption` says what was commissioned, `ended` which step ended it, and why.
 pub fn render(found: &Found, caption: &str, ended: Option<(Step, &Failure)>) -> String {
     let summary = match (ended, found.gain()) {
@@ -61,7 +76,14 @@ pub fn render(found: &Found, caption: &str, ended: Option<(Step, &Failure)>) -> 
             .section("Settling")
             .figure([plot], format!("Error after the first of ten 5 mm moves at 1 m/s²: {caption}"));
     }
-    report.section("Parameters").table(parameter_table(found, caption));
+    if !found.parameters.is_empty() {
+        let (set, others): (Vec<_>, Vec<_>) =
+            found.parameters.iter().partition(|(name, _)| SET.contains(&name.as_str()));
+        report
+            .section("Parameters")
+            .table(parameter_table(&format!("Parameters that commissioning sets: {caption}"), &set))
+            .table(parameter_table("The others, as they were in use", &others));
+    }
     report.section("Why a step may refuse").facts(Step::ALL.into_iter().map(|step| (step.name(), step.refuses_if())));
     report.render()
 }
@@ -85,7 +107,10 @@ fn plant_and_loop(report: &mut Report, found: &Found, caption: &str) {
         ],
         format!("Plant on a slow move, and loop transmission at several amplitudes: {caption}"),
     );
-    report.table(margins_table(found, caption));
+    report.table(margins_table(found, caption)).paragraph(
+        "At small amplitudes friction holds the stage like a spring. Where the gain never falls through 1 there are no margins; the sensitivity \
+         peak is then held to 2.",
+    );
     if let (Some(second_order), Some(gains), Some((amplitude_n, points))) =
         (&found.closed_loop, &found.gains, found.loops.first())
     {
@@ -153,17 +178,16 @@ fn margins_table(found: &Found, caption: &str) -> Table {
     })
 }
 
-fn parameter_table(found: &Found, caption: &str) -> Table {
+fn parameter_table(caption: &str, parameters: &[(&String, &f64)]) -> Table {
     let header = ["parameter", "value", "unit"];
-    let table = Table::new(format!("Parameters in use: {caption}"), &header);
-    found.parameters.iter().fold(table, |table, (name, value)| {
+    parameters.iter().fold(Table::new(caption, &header), |table, (name, value)| {
         let unit = Parameter::by_name(name).map_or("", |row| row.unit);
-        table.row([name.clone(), show_number(*value), unit.to_owned()])
+        table.row([(*name).clone(), show_number(**value), unit.to_owned()])
     })
 }
 
 fn friction_table(found: &Found, caption: &str) -> Table {
-    let header = ["place / mm", "σ / N/µm", "95 %", "F_C / N", "95 %", "Dahl leaves / mN", "Maxwell slip leaves / mN"];
+    let header = ["place / mm", "σ / N/µm", "95 %", "F_C / N", "95 %", "Dahl leaves / mN", "slip leaves / mN"];
     let table = Table::new(format!("Friction found at each place: {caption}"), &header);
     found.profiles.iter().fold(table, |table, fit| {
         let [low, high] = fit.sigma_ci95_n_per_m.map(|v| number(v * 1e-6, 2));
@@ -178,4 +202,24 @@ fn friction_table(found: &Found, caption: &str) -> Table {
             fit.maxwell_rms_n.map_or_else(|| MISSING.to_owned(), |rms_n| number(rms_n * 1e3, 1)),
         ])
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_parameters_that_it_sets_are_parameters() {
+        assert!(SET.iter().all(|name| Parameter::by_name(name).is_some()));
+    }
+
+    #[test]
+    fn what_was_refused_and_what_was_not_done_is_told() {
+        let found = Found { done: vec![(Step::Offsets, "offset 3 mA".to_owned())], ..Found::default() };
+        let page = render(&found, "a drive", Some((Step::Alignment, &Failure::Late("the end"))));
+        for part in ["Ended at alignment: the end did not come in time", "offset 3 mA", "refused: the end", "not done"]
+        {
+            assert!(page.contains(part), "{part}");
+        }
+    }
 }

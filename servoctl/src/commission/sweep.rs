@@ -52,12 +52,7 @@ pub struct Tone {
 impl Tone {
     fn shape(self) -> Shape {
         let measure_s = (TONE_PERIODS / self.hz).clamp(TONE_S[0], TONE_S[1]).max(1.0 / self.hz) as f32;
-        Shape::Tone {
-            amplitude: self.amplitude as f32,
-            frequency_hz: self.hz as f32,
-            measure_s,
-            lead_s: LEAD_S as f32,
-        }
+        Shape::Tone { amplitude: self.amplitude as f32, frequency_hz: self.hz as f32, measure_s, lead_s: LEAD_S as f32 }
     }
 }
 

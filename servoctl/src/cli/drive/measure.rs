@@ -247,8 +247,15 @@ impl Response {
     fn to_text(&self, node: Node) -> String {
         let unit = if node == Node::Force { "N" } else { "m/s" };
         let caption = format!("Loop at {} {unit}, measured by the drive", self.amplitude);
-        let header =
-            ["frequency / Hz", "loop / dB", "loop / °", "closed loop / dB", "closed loop / °", "plant / nm/N", "plant / °"];
+        let header = [
+            "frequency / Hz",
+            "loop / dB",
+            "loop / °",
+            "closed loop / dB",
+            "closed loop / °",
+            "plant / nm/N",
+            "plant / °",
+        ];
         let db = |p: &Point| number(20.0 * p.value.norm().log10(), 2);
         let deg = |p: &Point| number(p.value.arg().to_degrees(), 1);
         let rows = self.loop_transmission.iter().zip(&self.closed_loop).enumerate();
