@@ -47,6 +47,7 @@ fn stages_drawn_at_random_are_commissioned_and_left_safe() {
         assert!(worst < 10.0, "{worst} %");
     }
     assert!(summary.loop_error_percent.unwrap()[1] < 3.0, "{:?}", summary.loop_error_percent);
+    assert_eq!(summary.models_told, [4, 4]);
     for c in &many.stages {
         assert!((c.found.mass_kg.unwrap() / c.true_mass_kg - 1.0).abs() < 0.03, "stage {}", c.name);
     }

@@ -51,7 +51,7 @@ pub struct ProfileFit {
     pub coulomb_n: f64,
     /// Its 95 % interval (N).
     pub coulomb_ci95_n: [f64; 2],
-    /// What Dahl's model leaves (N rms).
+    /// What Dahl's model leaves on the samples that Maxwell slip is compared on (N rms).
     pub dahl_rms_n: f64,
     /// What Maxwell slip leaves (N rms); nothing if it cannot be fitted.
     pub maxwell_rms_n: Option<f64>,
@@ -131,8 +131,10 @@ pub fn friction(session: &mut Session, found: &mut Found) -> Result<String, Fail
     fit("sigma / N/m", sigma, SIGMA_N_PER_M[0], SIGMA_N_PER_M[1], "this is no friction of guides")?;
     fit("F_C / N", coulomb, COULOMB_N[0], COULOMB_N[1], "this is no friction of guides")?;
     (found.sigma_n_per_m, found.coulomb_n) = (Some(sigma), Some(coulomb));
-    let maxwell = found.profiles.iter().any(|fit| fit.needs_maxwell);
-    let model = if maxwell { "Maxwell slip fits better" } else { "Dahl's model will do" };
+    let votes = found.profiles.iter().filter(|fit| fit.needs_maxwell).count();
+    let needs_maxwell = 2 * votes > found.profiles.len();
+    found.needs_maxwell = Some(needs_maxwell);
+    let model = if needs_maxwell { "Maxwell slip fits better" } else { "Dahl's model will do" };
     Ok(format!("sigma {:.2} N/µm, F_C {coulomb:.3} N; {model}", sigma * 1e-6))
 }
 
@@ -180,10 +182,13 @@ fn fit_profile(
         .collect();
     let record = Record::from_current(&time_s, &position_m, &force_n, mass_kg, 1.0)?;
     let found = dahl::fit_any_memory(&record, false)?;
-    let dahl_rms_n = found.mse_n2.sqrt();
     let maxwell = maxwell::fit(&record, ELEMENTS).ok();
     let maxwell_rms_n = maxwell.as_ref().map(|fit| fit.rms_n);
     let model_n = found.force_n(&record);
+    // Both on the same samples: from where the states of all elements are known.
+    let compared = maxwell.as_ref().map_or(0, |fit| fit.first_sample);
+    let left = record.force_n.iter().zip(&model_n).skip(compared).map(|(f, m)| (f - m) * (f - m));
+    let dahl_rms_n = (left.sum::<f64>() / (record.samples() - compared) as f64).sqrt();
     let every = samples.len().div_ceil(800).max(1);
     let points = record.position_m.iter().zip(record.force_n.iter().zip(&model_n)).step_by(every);
     Ok(ProfileFit {

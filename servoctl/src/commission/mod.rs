@@ -238,6 +238,8 @@ pub struct Found {
     pub length_scale_m: Option<f64>,
     /// Friction at each place.
     pub profiles: Vec<ProfileFit>,
+    /// Whether Maxwell slip describes friction so much better than Dahl's model that it is needed, at most of the places.
+    pub needs_maxwell: Option<bool>,
     /// σ, the median of the places (N/m).
     pub sigma_n_per_m: Option<f64>,
     /// F_C, the median of the places (N).

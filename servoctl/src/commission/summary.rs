@@ -31,6 +31,8 @@ pub struct Summary {
     pub covered_percent: Option<[f64; 2]>,
     /// Number of these intervals of each.
     pub intervals: usize,
+    /// Stages whose model of friction was told, and of these those where it was the right one.
+    pub models_told: [usize; 2],
     /// Fitted loop against the true one of a stage with parallel elements, in F_C, median and worst of the profiles (% rms).
     pub loop_error_percent: Option<[f64; 2]>,
 }
@@ -77,6 +79,8 @@ impl Many {
             })
             .collect();
         let share = |which: usize| 100.0 * inside.iter().filter(|i| i[which]).count() as f64 / inside.len() as f64;
+        let told: Vec<bool> =
+            stages.iter().filter_map(|c| c.found.needs_maxwell.map(|needed| needed != c.is_dahl())).collect();
         let loops = stages.iter().flat_map(Commissioned::loop_errors).map(|error| 100.0 * error).collect();
         let summary = Summary {
             seed,
@@ -88,6 +92,7 @@ impl Many {
             coulomb_error_percent: errors(|c| percent(c.found.coulomb_n, c.true_coulomb_n)),
             covered_percent: (!inside.is_empty()).then(|| [share(0), share(1)]),
             intervals: inside.len(),
+            models_told: [told.len(), told.iter().filter(|right| **right).count()],
             loop_error_percent: median_and_worst(loops),
         };
         Many { summary, stages }
@@ -170,7 +175,9 @@ impl Summary {
                 self.intervals
             );
         }
-        text + &pair("Maxwell slip's loop, rms in F_C", self.loop_error_percent)
+        text += &pair("Maxwell slip's loop, rms in F_C", self.loop_error_percent);
+        let [told, right] = self.models_told;
+        text + &format!("Dahl's model or Maxwell slip: the right one on {right} of {told} stages\n")
     }
 }
 
