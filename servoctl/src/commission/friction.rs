@@ -91,11 +91,12 @@ pub fn length_scale(session: &mut Session, found: &mut Found) -> Result<String, 
     found.length_scale_m = result.as_ref().ok().map(|length| length.length_m);
     Ok(match result {
         Ok(length) => format!(
-            "linear down to {:.0} nm, friction rules below {:.0} nm: {} {:.1} ms; {linear}",
+            "linear down to {:.0} nm, friction rules below {:.0} nm: {} {:.1} ms{}; {linear}",
             length.linear_from_m * 1e9,
             length.length_m * 1e9,
             if length.creeps { "creeping from there takes" } else { "the next extreme comes after" },
-            length.leg_s * 1e3
+            length.leg_s * 1e3,
+            if length.creeps { " or more" } else { "" }
         ),
         Err(why) => format!("not seen ({why}); {linear}"),
     })
