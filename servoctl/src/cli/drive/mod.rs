@@ -6,6 +6,7 @@ pub mod capture;
 pub mod faults;
 pub mod identity;
 pub mod log;
+pub mod measure;
 pub mod motion;
 pub mod params;
 pub mod record_file;
