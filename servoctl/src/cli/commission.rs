@@ -183,10 +183,7 @@ fn one(link: &mut dyn Link, plan: &Plan, mut found: Found, caption: &str, option
             eprintln!("ended by the user; the bridge is off. `--from {}` goes on", step.name());
             Ok(ExitCode::from(interrupt::INTERRUPTED))
         }
-        (Some((_, Failure::Refused(refusal))), Some(why)) => match help(&refusal) {
-            Some(help) => bail!("{why}\n  {help}"),
-            None => bail!("{why}"),
-        },
+        (Some((_, Failure::Refused(refusal))), Some(why)) => bail!("{why}\n  {}", help(&refusal)),
         (_, Some(why)) => bail!("{why}"),
         _ => Ok(ExitCode::SUCCESS),
     }

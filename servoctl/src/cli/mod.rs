@@ -22,7 +22,8 @@ use clap::{CommandFactory, Parser, Subcommand};
 use std::process::ExitCode;
 
 use drive::{
-    Link, align, capture, faults, identity, log, measure, motion, params, scope, sequence, stream, virtual_drive, watch,
+    Link, align, calibrate_encoder, capture, faults, identity, log, measure, motion, params, scope, sequence, stream,
+    virtual_drive, watch,
 };
 
 /// Talks to a servo drive, runs its experiments and reports them.
@@ -50,6 +51,8 @@ pub enum Command {
     Disable(identity::Options),
     /// Look for the motor's electrical zero
     Align(identity::Options),
+    /// Find offsets, gain and phase of an encoder with sine and cosine, on a move of 0.1 mm to and fro
+    CalibrateEncoder(identity::Options),
     /// Move, and report how the stage settled
     Move(motion::Options),
     /// Carry out the commands of a file
@@ -130,6 +133,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         Command::Enable(options) => identity::enable(link, options),
         Command::Disable(options) => identity::disable(link, options),
         Command::Align(options) => return align::run(link, options),
+        Command::CalibrateEncoder(options) => return calibrate_encoder::run(link, options),
         Command::Move(options) => return motion::run(link, options),
         Command::Sequence(options) => return sequence::run(link, options),
         Command::Stop(options) => identity::stop(link, options),

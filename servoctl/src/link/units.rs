@@ -126,6 +126,11 @@ pub fn show_length(length_m: f64) -> String {
     format!("{shown:.digits$} {unit}")
 }
 
+/// An encoder's error within its signal period: whole picometres.
+pub fn show_error(error_m: f32) -> String {
+    format!("{:.0} pm", f64::from(error_m) * 1e12)
+}
+
 /// A number in ten digits, with the fewest characters.
 pub fn show_number(value: f64) -> String {
     let rounded: f64 = format!("{value:.9e}").parse().unwrap_or(value);

@@ -4,6 +4,7 @@
 #![cfg(unix)]
 
 mod cable;
+mod sine_cosine;
 mod typed;
 
 use std::io::{BufRead, BufReader, Read};
@@ -151,6 +152,9 @@ fn from_the_first_move_to_a_pulled_cable() {
     a_host_that_dies_in_mid_move_ends_it();
     cable::a_pulled_cable_is_reported_within_a_second_and_ends_the_move(&drive);
     typed::a_killed_drive_is_not_in_the_way(directory.path());
+    sine_cosine::an_encoder_without_sine_and_cosine_is_not_calibrated();
+    done("virtual --stop");
+    sine_cosine::sine_and_cosine_are_calibrated();
 }
 
 fn every_move_ends_with_how_it_settled() {

@@ -2,6 +2,7 @@
 
 pub mod align;
 pub mod black_box;
+pub mod calibrate_encoder;
 pub mod capture;
 pub mod faults;
 pub mod identity;
