@@ -204,7 +204,7 @@ fn settled_s(session: &mut Session) -> f64 {
     let mut settled_s = Vec::new();
     for to_m in [5e-3, 0.0].repeat(5) {
         go(session, to_m, 0.5, 1.0);
-        session.board.run_for(Duration::from_millis(150)).unwrap();
+        session.board.run_for(Duration::from_millis(250)).unwrap();
         let settling = session.settling().unwrap();
         settled_s.push(settling.settled_after_s(ten_nm).unwrap_or_else(|| panic!("{to_m} m: {settling:?}")));
     }
