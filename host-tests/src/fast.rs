@@ -272,7 +272,8 @@ mod tests {
 
     #[test]
     fn with_the_bridge_off_no_force_is_left() {
-        let mut bench = FastBench::new(&Stage::default(), &Settings::default(), 1).unwrap();
+        let aligned = Settings { commutation_identity: 0.0, ..Settings::default() };
+        let mut bench = FastBench::new(&Stage::default(), &aligned, 1).unwrap();
         bench.enable().unwrap();
         bench.tick_disturbed(None, 1.0);
         assert!(bench.force_n().abs() > 1.0);

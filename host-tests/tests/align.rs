@@ -196,7 +196,9 @@ fn a_fault_during_an_alignment_turns_the_bridge_off_and_never_brakes() {
 #[test]
 fn an_offset_holds_for_the_encoder_that_it_was_found_with_and_no_other() {
     let known = tuning::settings(&Stage::default(), &tuning::STANDARD).unwrap();
+    let new = Settings::default();
     let cases = [
+        (new.encoder_identity, new.commutation_identity, Err(Refusal::NotAligned(None))),
         (0.0, 0.0, Ok(())),
         (4711.0, 4711.0, Ok(())),
         (4712.0, 4711.0, Err(Refusal::NotAligned(None))),
