@@ -8,8 +8,15 @@ use crate::math::{limit, sin_cos_turns};
 use crate::monitor::signals;
 use crate::{PWM_DT_S, PWM_TOP};
 
-/// Duty is kept this far from 0 and 1, so that bootstraps are recharged. It is less than sampling a low-side shunt takes.
-pub const DUTY_MARGIN: f32 = 0.02;
+/// Smallest duty of a high side: the dead time.
+pub const DUTY_MIN: f32 = 0.02;
+/// Largest duty of a high side. Its low side is left 2 µs: half of them behind the sampling instant for the 0.6 µs of both converters, half
+/// before it, of which the dead time takes 0.5 µs and a shunt's amplifier 0.3 µs to settle. Bootstraps are recharged meanwhile.
+pub const DUTY_MAX: f32 = 0.92;
+/// Share of the bus voltage that is to be had between two phases.
+pub const DUTY_SPAN: f32 = DUTY_MAX - DUTY_MIN;
+/// Around which the phases are centred.
+const DUTY_CENTRE: f32 = 0.5 * (DUTY_MIN + DUTY_MAX);
 
 const SQRT3_2: f32 = 0.866_025_4;
 const INV_SQRT3: f32 = 0.577_350_26;
@@ -156,7 +163,7 @@ impl CurrentLoop {
     /// One PWM period: `periods` is how many have passed since the demand was made.
     ///
     /// # Range
-    /// Duties stay within `DUTY_MARGIN..=1 − DUTY_MARGIN`; if the voltages ask for more, all are scaled down together and
+    /// Duties stay within `DUTY_MIN..=DUTY_MAX`; if the voltages ask for more, all are scaled down together and
     /// the integrators stop (anti-windup). A trip turns the bridge off in this very period.
     #[inline]
     pub fn step(&mut self, k: &Coefficients, demand: &Demand, phases: PhaseCodes, periods: u32) -> Bridge {
@@ -187,10 +194,10 @@ impl CurrentLoop {
         let (high, low) = (a.max(b).max(c), a.min(b).min(c));
         let mut centre = (high + low) * 0.5;
         let span = (high - low) * demand.per_bus_v;
-        let saturated = span > 1.0 - 2.0 * DUTY_MARGIN;
+        let saturated = span > DUTY_SPAN;
         if saturated {
             told |= signals::VOLTAGE_LIMITED;
-            let scale = (1.0 - 2.0 * DUTY_MARGIN) / span;
+            let scale = DUTY_SPAN / span;
             (a, b, c, centre) = (a * scale, b * scale, c * scale, centre * scale);
         }
         self.signals = told;
@@ -205,8 +212,8 @@ impl CurrentLoop {
         let (ra, rb, rc) = phases_of(-sin * demand.iq_a, cos * demand.iq_a);
         let compare = |v: f32, reference_a: f32| {
             let dead_time = k.dead_time_duty * limit(reference_a * k.dead_time_per_a, -1.0, 1.0);
-            let duty = 0.5 + (v - centre) * demand.per_bus_v + dead_time;
-            (limit(duty, DUTY_MARGIN, 1.0 - DUTY_MARGIN) * f32::from(PWM_TOP) + 0.5) as u32 as u16
+            let duty = DUTY_CENTRE + (v - centre) * demand.per_bus_v + dead_time;
+            (limit(duty, DUTY_MIN, DUTY_MAX) * f32::from(PWM_TOP) + 0.5) as u32 as u16
         };
         Bridge { compare: [compare(a, ra), compare(b, rb), compare(c, rc)], enabled: true }
     }
@@ -260,9 +267,9 @@ mod tests {
     }
 
     #[test]
-    fn without_demand_or_current_every_duty_is_one_half() {
+    fn without_demand_or_current_every_duty_is_the_centre() {
         let bridge = CurrentLoop::default().step(&coefficients(), &demand(0.0, 0.3), codes(0.0, 0.0), 0);
-        assert_eq!(bridge, Bridge { compare: [PWM_TOP / 2; 3], enabled: true });
+        assert_eq!(bridge, Bridge { compare: [(DUTY_CENTRE * f32::from(PWM_TOP) + 0.5) as u16; 3], enabled: true });
     }
 
     #[test]
@@ -272,7 +279,7 @@ mod tests {
         let bridge = CurrentLoop::default().step(&k, &demand(0.1, 0.0), codes(0.0, 0.0), 0);
         let volts = (k.proportional_v_per_a + k.integral_v_per_a) * 0.1;
         let counts = volts * SQRT3_2 / 48.0 * f32::from(PWM_TOP);
-        let centre = f32::from(PWM_TOP) / 2.0;
+        let centre = DUTY_CENTRE * f32::from(PWM_TOP);
         let round = |x: f32| (x + 0.5) as u16;
         assert_eq!(bridge.compare, [round(centre), round(centre + counts), round(centre - counts)]);
     }
@@ -337,12 +344,13 @@ mod tests {
             for _ in 0..20 {
                 let demand = Demand { enabled: true, iq_a: iq, turns, turns_per_period: 1e-4, per_bus_v: 1.0 / bus_v };
                 let bridge = current.step(&k, &demand, PhaseCodes { a, b }, periods);
-                let low = (DUTY_MARGIN * f32::from(PWM_TOP)) as u16;
+                let [low, high, centre] =
+                    [DUTY_MIN, DUTY_MAX, DUTY_CENTRE].map(|duty| (duty * f32::from(PWM_TOP) + 0.5) as u16);
                 for compare in bridge.compare {
-                    prop_assert!((low..=PWM_TOP - low).contains(&compare));
+                    prop_assert!((low..=high).contains(&compare));
                 }
                 let (highest, lowest) = (bridge.compare.iter().max().unwrap(), bridge.compare.iter().min().unwrap());
-                prop_assert!((highest + lowest).abs_diff(PWM_TOP) <= 1, "{bridge:?}");
+                prop_assert!((highest + lowest).abs_diff(2 * centre) <= 1, "{bridge:?}");
             }
             prop_assert!(current.iq_a().is_finite() && current.q_integral_v.is_finite());
         }

@@ -5,7 +5,7 @@
 use servo_core::axis::{Axis, ServoSample};
 use servo_core::compensator::Compensator;
 use servo_core::config::Config;
-use servo_core::current::{Bridge, DUTY_MARGIN, PhaseCodes};
+use servo_core::current::{Bridge, DUTY_MAX, DUTY_MIN, PhaseCodes};
 use servo_core::drive::Command;
 use servo_core::encoder::sincos;
 use servo_core::fault::Reaction;
@@ -234,8 +234,8 @@ fn may_be_on(record: &TickRecord, config: &Config) -> bool {
 
 fn check_bridge(bridge: Bridge, on: bool) {
     assert!(on || !bridge.enabled, "the bridge is on");
-    let margin = (DUTY_MARGIN * f32::from(PWM_TOP)) as u16;
-    assert!(bridge.compare.iter().all(|ct| (margin..=PWM_TOP - margin).contains(ct)), "{bridge:?}");
+    let [least, most] = [DUTY_MIN, DUTY_MAX].map(|duty| (duty * f32::from(PWM_TOP)).round() as u16);
+    assert!(bridge.compare.iter().all(|ct| (least..=most).contains(ct)), "{bridge:?}");
 }
 
 /// Ticks in which something was going on.
