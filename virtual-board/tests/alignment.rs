@@ -18,7 +18,7 @@ const PITCH_M: f64 = 0.03;
 const TRAVEL_M: f64 = 200e-6;
 /// An alignment takes 7.0 s.
 const PATIENCE: Duration = Duration::from_secs(8);
-/// Start angles of the full test, a turn apart altogether.
+/// Start angles, a turn apart altogether.
 const ANGLES: u32 = 36;
 
 /// A drive whose parameters have been saved and whose motor was never aligned, on a stage whose magnets are at `turns` in mid-travel.
@@ -95,13 +95,6 @@ fn enable(session: &mut Session) {
     session.board.check_told().unwrap();
 }
 
-#[test]
-fn a_motor_at_any_angle_is_aligned_and_then_enabled() {
-    for turns in [5.0 / 36.0, 31.0 / 36.0] {
-        enable(&mut aligned(turns).0);
-    }
-}
-
 /// Saved with the number of the encoder, the offset holds after the next start, and for that encoder alone.
 #[test]
 fn what_is_found_is_saved_with_the_encoder_that_it_holds_for() {
@@ -118,8 +111,7 @@ fn what_is_found_is_saved_with_the_encoder_that_it_holds_for() {
 }
 
 #[test]
-#[ignore = "five minutes: `cargo xtask endurance`"]
-fn from_36_angles_the_zero_is_found_within_the_travel() {
+fn from_36_angles_the_zero_is_found_within_the_travel_and_the_drive_enabled() {
     std::thread::scope(|scope| {
         for part in 0..2 {
             scope.spawn(move || {
