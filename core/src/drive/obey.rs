@@ -248,19 +248,8 @@ impl Drive {
         if needs_bridge_off && self.torque {
             return Err(Refusal::WrongState(self.state));
         }
-        let kind = config.compensator.kind;
-        let switch = kind != self.config.compensator.kind;
-        let before_n_s_per_m = self.derivative_n_s_per_m();
         if needs_bridge_off {
             self.config = *config;
-        } else {
-            self.config.adopt(config);
-        }
-        if switch {
-            self.switch(kind);
-        }
-        self.absorb_from(before_n_s_per_m);
-        if needs_bridge_off {
             // Origin, count or commutation may differ: begin again from the next good frame.
             self.tracker = Tracker::default();
             if config.sin_cos.is_some() {
@@ -268,7 +257,16 @@ impl Drive {
             }
             self.begin_angle();
             self.commutation = if config.commutation_stored { Commutation::Stored } else { Commutation::Unknown };
+            return Ok(());
         }
+        let kind = config.compensator.kind;
+        let switch = kind != self.config.compensator.kind;
+        let before_n_s_per_m = self.derivative_n_s_per_m();
+        self.config.adopt(config);
+        if switch {
+            self.switch(kind);
+        }
+        self.absorb_from(before_n_s_per_m);
         Ok(())
     }
 }
