@@ -176,6 +176,17 @@ pub struct Identity {
     pub serial: [u32; 3],
 }
 
+/// Serial number of a virtual board's chip. Where a real one has its production lot, seven ASCII characters, it says `VIRTUAL`.
+pub const VIRTUAL_SERIAL: [u32; 3] = [0, u32::from_le_bytes(*b"\0VIR"), u32::from_le_bytes(*b"TUAL")];
+
+impl Identity {
+    /// Whether the chip's lot is that of [`VIRTUAL_SERIAL`]: board, motor and stage are simulated, whatever line leads there.
+    pub fn is_virtual(&self) -> bool {
+        // The lowest byte is the number of the wafer.
+        [self.serial[1] & !0xff, self.serial[2]] == VIRTUAL_SERIAL[1..]
+    }
+}
+
 /// What is stored, and how the last save went.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ParameterStore {
@@ -260,5 +271,20 @@ impl Status {
             lost_blocks: 0,
             subdivisional_error_m: None,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_virtual_board_is_known_by_the_lot_of_its_chip() {
+        let of = |serial| Identity { protocol: 0, firmware: [0; 3], program: 0, board: String::new(), serial };
+        assert!(of(VIRTUAL_SERIAL).is_virtual());
+        assert!(of([0x0021_0017, VIRTUAL_SERIAL[1] | 0x19, VIRTUAL_SERIAL[2]]).is_virtual());
+        // Wafer 0x28, lot `3133511` of a chip on a NUCLEO, and no serial number at all.
+        let lot = [u32::from_le_bytes([0x28, b'3', b'1', b'3']), u32::from_le_bytes(*b"3511")];
+        assert!(!of([0x0021_0017, lot[0], lot[1]]).is_virtual() && !of([0; 3]).is_virtual());
     }
 }

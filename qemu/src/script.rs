@@ -38,9 +38,9 @@ pub const LIMITS: Limits = Limits { velocity_m_per_s: 0.5, acceleration_m_per_s2
 
 const HOME: Position = Position(0);
 
-/// Settings at the start: those of a new drive.
+/// Settings at the start: those of a new drive whose motor has been aligned.
 pub fn settings() -> Settings {
-    Settings::default()
+    Settings { commutation_identity: 0.0, ..Settings::default() }
 }
 
 /// The command of a tick, if there is one.

@@ -21,6 +21,7 @@ mod error;
 pub mod flash;
 mod link;
 mod log;
+pub mod port;
 pub mod pwm;
 mod runner;
 mod sensor_fault;

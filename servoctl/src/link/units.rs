@@ -93,6 +93,14 @@ pub fn jerk(text: &str) -> Result<f64, String> {
     parse(text, "m/s³", false)
 }
 
+/// A frequency, Hz, which may be a number alone; for `clap`.
+///
+/// # Errors
+/// Those of [`parse`].
+pub fn frequency(text: &str) -> Result<f64, String> {
+    parse(text, "Hz", true)
+}
+
 /// A time, s; for `clap`.
 ///
 /// # Errors

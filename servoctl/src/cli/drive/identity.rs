@@ -20,6 +20,7 @@ pub struct Options {
 #[derive(Serialize)]
 struct Info {
     board: String,
+    simulated: bool,
     serial: String,
     firmware: String,
     protocol: u16,
@@ -33,12 +34,13 @@ struct Info {
 /// # Errors
 /// Those of the link.
 pub fn info(link: &Link, options: &Options) -> Result<()> {
-    let Connected { mut drive, .. } = link.connect()?;
+    let Connected { mut drive, is_virtual } = link.connect()?;
     let store = drive.parameter_store()?;
     let identity = drive.identity();
     let [major, minor, patch] = identity.firmware;
     let info = Info {
         board: identity.board.to_string(),
+        simulated: is_virtual,
         serial: identity.serial.map(|word| format!("{word:08x}")).concat(),
         firmware: format!("{major}.{minor}.{patch}"),
         protocol: identity.protocol,
@@ -52,8 +54,9 @@ pub fn info(link: &Link, options: &Options) -> Result<()> {
             (Some(number), false) => format!("save {number}"),
             (Some(number), true) => format!("save {number}, changed since (`servoctl params diff` shows what)"),
         };
+        let simulated = if info.simulated { ", virtual: motor and stage are simulated" } else { "" };
         format!(
-            "board       {}\nserial      {}\nfirmware    {}, protocol {}, program {}\nparameters  {saved}\n",
+            "board       {}{simulated}\nserial      {}\nfirmware    {}, protocol {}, program {}\nparameters  {saved}\n",
             info.board, info.serial, info.firmware, info.protocol, info.program
         )
     })

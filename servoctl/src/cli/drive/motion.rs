@@ -55,6 +55,8 @@ pub struct Options {
 /// What a move was and how it settled, for a program.
 #[derive(Debug, Serialize)]
 pub struct Moved {
+    /// The drive is a virtual one.
+    simulated: bool,
     /// Set-point before, m.
     from_m: f64,
     /// Target, m.
@@ -87,7 +89,7 @@ pub fn run(link: &Link, options: &Options) -> Result<ExitCode> {
     match go(&mut connected, &settings, &options.motion, !options.no_report)? {
         End::Stopped => Ok(ExitCode::from(interrupt::INTERRUPTED)),
         End::Arrived(moved) => {
-            options.json.write(&*moved, || moved.to_text(connected.is_virtual))?;
+            options.json.write(&*moved, || moved.to_text())?;
             Ok(ExitCode::SUCCESS)
         }
     }
@@ -134,6 +136,7 @@ pub fn go(connected: &mut Connected, settings: &Settings, motion: &Motion, repor
         false => None,
     };
     Ok(End::Arrived(Box::new(Moved {
+        simulated: connected.is_virtual,
         from_m: from_ct as f64 * count_m,
         target_m: target_ct as f64 * count_m,
         velocity_m_per_s: limits.velocity_m_per_s,
@@ -172,8 +175,11 @@ fn left_alone(error: Error, settings: &Settings) -> anyhow::Error {
 
 impl Moved {
     /// For a person.
-    pub fn to_text(&self, is_virtual: bool) -> String {
-        let origin = if is_virtual { "simulated (firmware on the virtual STM32H743)" } else { "measured by the drive" };
+    pub fn to_text(&self) -> String {
+        let origin = match self.simulated {
+            true => "simulated (firmware on the virtual STM32H743)",
+            false => "measured by the drive",
+        };
         let jerk = self.jerk_m_per_s3.map_or(String::new(), |jerk| format!(", {jerk} m/s³"));
         let compensator = compensator_name(self.compensator);
         let caption = format!(
