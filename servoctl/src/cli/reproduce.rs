@@ -228,12 +228,12 @@ fn one(options: &Options, name: Name, stage: &Stage) -> Result<Found> {
         }
         Kind::Step100Um => {
             let moves = options.moves.unwrap_or(step_100um::MOVES);
-            let found: Step100Um =
-                measured(name, moves, "steps", |watch: Watch| step_100um::run(stage, moves, seed, watch))?;
+            let run = |watch: Watch| step_100um::run(stage, moves, seed, watch).map(Some);
+            let found: Step100Um = measured(name, moves, "steps", run)?;
             Ok((found.to_text(), serde_json::to_value(&found)?))
         }
         Kind::Models => {
-            let found = measured(name, models::FITS, "fits", |watch| Ok(models::run(watch)))?;
+            let found = measured(name, models::FITS, "fits", |watch| Ok(Some(models::run(watch))))?;
             Ok((found.to_text(), serde_json::to_value(&found)?))
         }
         Kind::IdentificationStudy => {
@@ -248,7 +248,7 @@ fn one(options: &Options, name: Name, stage: &Stage) -> Result<Found> {
     }
 }
 
-/// Runs what is shown as a whole or not at all, with progress.
+/// Runs a measurement, with progress. Ended early, it gives what is finished.
 fn measured<T>(
     name: Name,
     pieces: u64,
@@ -259,7 +259,7 @@ fn measured<T>(
     let finished = |pieces| progress.advance(pieces);
     let found = run(Watch { stop: interrupt::flag()?, finished: &finished })?;
     drop(progress);
-    found.context("ended before it was finished: nothing to show")
+    found.context("ended before anything was finished: nothing to show")
 }
 
 fn settling(request: Request, configs: &[String]) -> Result<Found> {
@@ -270,7 +270,8 @@ fn settling(request: Request, configs: &[String]) -> Result<Found> {
     let finished = |moves| progress.advance(moves);
     let passes = plan.campaign.run(Shard::ALL, Watch { stop: interrupt::flag()?, finished: &finished })?;
     drop(progress);
-    ensure!(!passes.is_empty(), "ended before the first pass was finished: nothing to show");
+    let something = !passes.is_empty() || plan.search.is_some();
+    ensure!(something, "ended before the first pass was finished: nothing to show");
     let outcome = Outcome::new(&plan, &passes);
     Ok((outcome.to_text(), serde_json::to_value(&outcome)?))
 }

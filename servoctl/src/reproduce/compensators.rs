@@ -55,6 +55,8 @@ const FEEDFORWARD: &str = "feedforward";
 pub struct Search {
     /// The procedure in words.
     pub procedure: &'static str,
+    /// Whether every candidate was tried.
+    pub complete: bool,
     /// One entry for each compensator.
     pub tuned: Vec<Tuned>,
 }
@@ -213,6 +215,7 @@ pub fn search(request: &Request, watch: Watch) -> Result<Search, Refusal> {
             Ok(trial)
         })
         .collect::<Result<_, Refusal>>()?;
+    let complete = !watch.stop.load(Ordering::Relaxed);
     let is_admissible = |trial: &Trial| {
         let (hz, deg) = trial.margins;
         let near = (hz - wanted.0).abs() <= NEAR.0 && (deg - wanted.1).abs() <= NEAR.1;
@@ -246,7 +249,7 @@ pub fn search(request: &Request, watch: Watch) -> Result<Search, Refusal> {
             tuned.push(Tuned::new(name, &words, candidates, &all, is_admissible, trial));
         }
     }
-    Ok(Search { procedure: PROCEDURE, tuned })
+    Ok(Search { procedure: PROCEDURE, complete, tuned })
 }
 
 impl Tuned {

@@ -48,6 +48,8 @@ pub struct LoopTransmission {
     pub origin: &'static str,
     /// Seed of the noise.
     pub seed: u64,
+    /// Whether everything was measured.
+    pub complete: bool,
     /// Figure 15: PID of the first tuning at eight amplitudes.
     pub figure_15: Vec<Curve>,
     /// Section 8.2: PID of the second tuning, and NIASA with two stiffnesses and two rates, at several amplitudes.
@@ -56,7 +58,7 @@ pub struct LoopTransmission {
     pub section_8_2_ki_n_per_m_s: f64,
     /// The most that its cascade could have: k_P²/4k_D, both zeros real (N/(m s)).
     pub section_8_2_ki_most_n_per_m_s: f64,
-    /// Section 8.2: what the rate limit is for.
+    /// Section 8.2: what the rate limit is for; measured when the sweeps are finished.
     pub stability: Vec<Stability>,
     /// The simulated hardware; friction as it stands here, without spread.
     pub plant: Stage,
@@ -123,7 +125,7 @@ struct Sweep {
 /// Number of sweeps, for progress.
 pub const SWEEPS: u64 = (FIGURE_15_PERCENT.len() + SECTION_8_2_PERCENT.len() * (1 + 2 * RATES_PER_S.len())) as u64;
 
-/// Measures everything; `None` if it was ended from outside.
+/// Measures everything. Ended from outside, it gives the sweeps that are finished; nothing if there are none.
 ///
 /// # Errors
 /// A stage that the drive's parameters cannot describe.
@@ -151,7 +153,7 @@ pub fn run(stage: &Stage, seed: u64, watch: Watch) -> Result<Option<LoopTransmis
         std::iter::once(pid(performance, percent)).chain(variants.iter().map(move |v| niasa(*v, percent)))
     });
     let sweeps: Vec<Sweep> = figure_15.into_iter().chain(section_8_2).collect();
-    let curves: Vec<Option<Curve>> = sweeps
+    let mut figure_15: Vec<Option<Curve>> = sweeps
         .par_iter()
         .with_max_len(1)
         .map(|sweep| {
@@ -165,18 +167,25 @@ pub fn run(stage: &Stage, seed: u64, watch: Watch) -> Result<Option<LoopTransmis
         .collect::<Result<_, Refusal>>()?;
     let parallel = gains(&performance);
     let most = parallel.kp_n_per_m * parallel.kp_n_per_m / (4.0 * parallel.kd_n_s_per_m);
-    let Some(mut figure_15) = curves.into_iter().collect::<Option<Vec<Curve>>>() else { return Ok(None) };
     let section_8_2 = figure_15.split_off(FIGURE_15_PERCENT.len());
+    let [figure_15, section_8_2] =
+        [figure_15, section_8_2].map(|curves| curves.into_iter().flatten().collect::<Vec<_>>());
+    let made = figure_15.len() + section_8_2.len();
+    if made == 0 {
+        return Ok(None);
+    }
+    let complete = made == sweeps.len() && !watch.stop.load(Ordering::Relaxed);
     Ok(Some(LoopTransmission {
         experiment: "loop-transmission",
         thesis_section: "5.1, 8.2",
         origin: ORIGIN,
         seed,
+        complete,
         figure_15,
         section_8_2,
         section_8_2_ki_n_per_m_s: round_to(parallel.ki_n_per_m_s, 0),
         section_8_2_ki_most_n_per_m_s: round_to(most, 0),
-        stability: stability(&stage, seed, &performance)?,
+        stability: if complete { stability(&stage, seed, &performance)? } else { Vec::new() },
         plant: stage,
     }))
 }
@@ -308,7 +317,10 @@ fn stability(stage: &Stage, seed: u64, pid: &Settings) -> Result<Vec<Stability>,
 impl LoopTransmission {
     /// The tables for a terminal.
     pub fn to_text(&self) -> String {
-        [self.figure_15_table(), self.section_8_2_table(), self.stability_table()].map(|t| t.to_text()).join("\n")
+        let tables = [self.figure_15_table(), self.section_8_2_table(), self.stability_table()];
+        let made = self.figure_15.len() + self.section_8_2.len();
+        let unfinished = (!self.complete).then(|| format!("Not complete: {made} of {SWEEPS} sweeps.\n"));
+        tables.iter().map(Table::to_text).chain(unfinished).collect::<Vec<_>>().join("\n")
     }
 
     /// Figure 15 in numbers.
@@ -347,21 +359,29 @@ impl LoopTransmission {
              appendix E, with its rate limit",
             plant(&self.plant)
         );
-        let columns = self.section_8_2.len() / SECTION_8_2_PERCENT.len();
-        let mut header = vec!["amplitude".to_owned()];
-        header.extend(self.section_8_2.iter().take(columns).map(|curve| match curve.rate_per_s {
+        let column = |curve: &Curve| match curve.rate_per_s {
             Some(rate) => format!("{}, {rate:.0} 1/s", curve.name),
             None => curve.name.clone(),
-        }));
-        let header: Vec<&str> = header.iter().map(String::as_str).collect();
-        self.section_8_2.chunks(columns).fold(Table::new(caption, &header), |table, curves| {
-            let cell = |curve: &Curve| {
-                let pairs = curve.crossover_hz.iter().zip(&curve.phase_margin_deg);
-                let text: Vec<String> =
-                    pairs.map(|(hz, deg)| format!("{} ({})", number(*hz, 1), number(*deg, 0))).collect();
-                if text.is_empty() { MISSING.to_owned() } else { text.join(", ") }
-            };
-            table.row(std::iter::once(format!("{} %", curves[0].amplitude_percent)).chain(curves.iter().map(cell)))
+        };
+        let mut columns: Vec<String> = Vec::new();
+        for name in self.section_8_2.iter().map(column) {
+            if !columns.contains(&name) {
+                columns.push(name);
+            }
+        }
+        let cell = |curve: &Curve| {
+            let pairs = curve.crossover_hz.iter().zip(&curve.phase_margin_deg);
+            let text: Vec<String> =
+                pairs.map(|(hz, deg)| format!("{} ({})", number(*hz, 1), number(*deg, 0))).collect();
+            if text.is_empty() { MISSING.to_owned() } else { text.join(", ") }
+        };
+        let header: Vec<&str> = std::iter::once("amplitude").chain(columns.iter().map(String::as_str)).collect();
+        let rows = self.section_8_2.chunk_by(|a, b| a.amplitude_percent == b.amplitude_percent);
+        rows.fold(Table::new(caption, &header), |table, curves| {
+            let cells = columns
+                .iter()
+                .map(|name| curves.iter().find(|curve| column(curve) == *name).map_or(MISSING.to_owned(), &cell));
+            table.row(std::iter::once(format!("{} %", curves[0].amplitude_percent)).chain(cells))
         })
     }
 

@@ -145,7 +145,7 @@ impl Outcome {
             _ => None,
         };
         let claims = match (plan.request.experiment, &only) {
-            (Experiment::Compensators, Some(run)) => claims::of(run),
+            (Experiment::Compensators, Some(run)) if !passes.is_empty() => claims::of(run),
             _ => Vec::new(),
         };
         Outcome {
@@ -171,6 +171,10 @@ impl Outcome {
     /// The tables for a terminal.
     pub fn to_text(&self) -> String {
         let mut text: String = self.search.iter().map(|search| search.table().to_text() + "\n").collect();
+        let made = self.all().next().map_or(0, |run| run.settling.moves);
+        if made == 0 {
+            return text + "Not complete: ended before the first moves were finished.\n";
+        }
         text.extend(self.all().map(|run| run.table().to_text() + "\n"));
         text += &self.configurations().to_text();
         if !self.claims.is_empty() {
@@ -178,11 +182,7 @@ impl Outcome {
         }
         text += &format!("Results {}\n", self.results_hash);
         if !self.complete {
-            text += &format!(
-                "\nNot complete: {} of {} moves per configuration.\n",
-                self.all().next().map_or(0, |run| run.settling.moves),
-                self.moves_requested
-            );
+            text += &format!("\nNot complete: {made} of {} moves per configuration.\n", self.moves_requested);
         }
         text
     }

@@ -264,6 +264,7 @@ pub(super) mod tests {
             thesis_section: "",
             origin: "",
             seed: 1,
+            complete: true,
             figure_15: vec![curve(1.25, None, &[100.0], "mass"), curve(0.625, None, &[], "spring")],
             section_8_2: section_8_2.collect(),
             section_8_2_ki_n_per_m_s: 2e8,
