@@ -62,6 +62,8 @@ fn every_compensator_does_what_chapter_4_says_of_it() {
     // Tuned at equal margins and noise, those that have no limit cycle.
     let search = outcome.search.unwrap();
     for tuned in search.tuned.iter().filter(|tuned| tuned.is_admissible) {
+        // More k_I than three times the PID's is not to be had: its cascade has no real zeros any more.
+        assert!(!tuned.is_at_an_end || tuned.name == "pid-ki-tuned", "{}: {}", tuned.name, tuned.chosen);
         assert!((tuned.crossover_hz - 100.0).abs() < 4.0, "{}: {} Hz", tuned.name, tuned.crossover_hz);
         assert!((tuned.phase_margin_deg - search.tuned[0].phase_margin_deg).abs() <= 3.0, "{}", tuned.name);
     }

@@ -81,7 +81,7 @@ pub struct Curve {
     pub crossover_hz: Vec<f64>,
     /// Phase margin at each of them (°).
     pub phase_margin_deg: Vec<f64>,
-    /// Where |L| has a maximum above 100 Hz (Hz); `None` if there is none.
+    /// Where |L| has its highest maximum above 100 Hz (Hz), interpolated; `None` if there is none.
     pub resonance_hz: Option<f64>,
     /// |L| at 20 Hz over that of the controller on the contact's small-signal stiffness alone.
     pub low_gain_per_spring: f64,
@@ -226,10 +226,6 @@ fn measure(stage: &Stage, seed: u64, sweep: &Sweep) -> Result<Curve, Refusal> {
     let on_spring = gains(&sweep.settings).kp_n_per_m / spring_n_per_m;
     let low = points.iter().min_by(|a, b| (a.0 - LOW_HZ).abs().total_cmp(&(b.0 - LOW_HZ).abs()));
     let low_gain_per_spring = low.map_or(0.0, |(_, l)| l.abs() / on_spring);
-    let resonance = points
-        .windows(3)
-        .filter(|w| w[1].0 > 100.0 && w[1].1.abs() > w[0].1.abs() && w[1].1.abs() >= w[2].1.abs())
-        .max_by(|a, b| a[1].1.abs().total_cmp(&b[1].1.abs()));
     Ok(Curve {
         name: sweep.name.clone(),
         stiffness_n_per_m: sweep.niasa.map(|n| n.0),
@@ -238,7 +234,7 @@ fn measure(stage: &Stage, seed: u64, sweep: &Sweep) -> Result<Curve, Refusal> {
         amplitude_n: round_to(amplitude_a * stage.motor.force_constant_n_per_a, 4),
         crossover_hz: crossings.iter().map(|c| round_to(c.0, 2)).collect(),
         phase_margin_deg: crossings.iter().map(|c| round_to(c.1, 2)).collect(),
-        resonance_hz: resonance.map(|w| round_to(w[1].0, 2)),
+        resonance_hz: resonance_hz(&points).map(|hz| round_to(hz, 2)),
         low_gain_per_spring: round_to(low_gain_per_spring, 3),
         behaves_like: if low_gain_per_spring > BROKEN_AWAY { "mass" } else { "spring" },
         frequency_hz: points.iter().map(|p| round_to(p.0, 4)).collect(),
@@ -246,6 +242,19 @@ fn measure(stage: &Stage, seed: u64, sweep: &Sweep) -> Result<Curve, Refusal> {
         magnitude: points.iter().map(|p| round_to(p.1.abs(), 6)).collect(),
         phase_deg: points.iter().map(|p| round_to(lag_deg(p.1), 3)).collect(),
     })
+}
+
+/// Frequency (Hz) of the highest maximum of |L| above 100 Hz: the top of the parabola through three points on logarithmic scales.
+fn resonance_hz(points: &[(f64, Complex)]) -> Option<f64> {
+    let logarithms: Vec<(f64, f64)> = points.iter().map(|(hz, l)| (libm::log(*hz), libm::log(l.abs()))).collect();
+    let [a, b, c] = logarithms
+        .array_windows()
+        .filter(|[a, b, c]| b.0 > libm::log(100.0) && b.1 > a.1 && b.1 >= c.1)
+        .max_by(|x, y| x[1].1.total_cmp(&y[1].1))?;
+    let (before, after) = ((b.1 - a.1) / (b.0 - a.0), (c.1 - b.1) / (c.0 - b.0));
+    // The slope goes in a straight line from one middle to the next.
+    let (from, to) = (0.5 * (a.0 + b.0), 0.5 * (b.0 + c.0));
+    Some(libm::exp(from + (to - from) * before / (before - after)))
 }
 
 /// Phase, −360 to 0 degrees: a loop lags.
@@ -410,4 +419,20 @@ impl LoopTransmission {
 fn list(values: &[f64], decimals: usize) -> String {
     let text: Vec<String> = values.iter().map(|v| number(*v, decimals)).collect();
     if text.is_empty() { MISSING.to_owned() } else { text.join(", ") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_resonance_between_two_tones_is_found() {
+        let at = |hz: f64| {
+            let off = libm::log(hz / 400.0);
+            (hz, Complex { re: libm::exp(-3.0 * off * off), im: 0.0 })
+        };
+        let found = resonance_hz(&[120.0, 250.0, 330.0, 430.0, 560.0].map(at)).unwrap();
+        assert!((found - 400.0).abs() < 0.5, "{found} Hz");
+        assert_eq!(resonance_hz(&[30.0, 40.0, 50.0].map(at)), None);
+    }
 }

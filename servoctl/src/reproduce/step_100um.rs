@@ -381,9 +381,9 @@ mod tests {
         assert_eq!(finding(&swing, Some(8.0)), Some(expected));
         let linear = Swing { extreme_ms: vec![8.0, 16.0, 24.0], settled_ms: Some(30.0), ..swing };
         assert_eq!(finding(&linear, Some(8.0)), None);
+        assert_eq!(finding(&linear, None), None, "nothing to compare with");
         let creeping = finding(&Swing { settled_ms: Some(90.0), ..linear }, Some(8.0)).unwrap();
         assert!(creeping.creeps && creeping.slow_leg_ms == 66.0 && creeping.length_scale_nm == 3810.0);
         assert_eq!(creeping.linear_down_to_nm, Some(13e3));
-        assert_eq!(finding(&linear, None), None, "a stage that does not swing has no linear leg to compare with");
     }
 }
