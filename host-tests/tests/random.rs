@@ -334,7 +334,9 @@ fn nothing_ever_gives_torque_where_there_may_be_none_or_a_number_that_is_none() 
         }
     }
     let Seen { on, sin_cos, excited, aligning } = seen;
-    eprintln!("of {ticks} ticks {on} with the bridge on: {sin_cos} with sine and cosine, {excited} excited, {aligning} aligning");
+    eprintln!(
+        "of {ticks} ticks {on} with the bridge on: {sin_cos} with sine and cosine, {excited} excited, {aligning} aligning"
+    );
     assert!(on > ticks / 20, "the bridge was on in only {on} ticks of {ticks}");
     for (what, ticks) in [("sine and cosine", sin_cos), ("an excitation", excited), ("an alignment", aligning)] {
         assert!(ticks > on / 100, "{what} in only {ticks} ticks of {on} with the bridge on");

@@ -162,11 +162,7 @@ fn a_bus_voltage_out_of_its_limits_turns_the_bridge_off() {
             |board| board.set_adc_fault(Analog::Bus, Some(AdcFault::Stuck { code: u16::MAX })).unwrap(),
             Fault::BusOverVoltage,
         ),
-        (
-            "wire off",
-            |board| board.set_adc_fault(Analog::Bus, Some(AdcFault::Open)).unwrap(),
-            Fault::BusUnderVoltage,
-        ),
+        ("wire off", |board| board.set_adc_fault(Analog::Bus, Some(AdcFault::Open)).unwrap(), Fault::BusUnderVoltage),
     ];
     for (what, break_it, fault) in breaks {
         let (mut board, mut link) = moving();
