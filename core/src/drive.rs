@@ -88,6 +88,8 @@ pub enum Command {
     BeginSave,
     /// The flash has been written, or could not be.
     EndSave,
+    /// Correct sine and cosine in this way from now on, and learn from there. The position changes by what the error was.
+    CorrectSignals(sincos::Correction),
 }
 
 /// The answer to a command.

@@ -69,6 +69,12 @@ impl Drive {
                 self.interpolator.collect();
                 Ok(())
             }
+            Command::CorrectSignals(correction) => {
+                let k = self.config.sin_cos.as_mut().ok_or(Refusal::NoSignals)?;
+                k.correction = correction;
+                self.interpolator.correct(correction);
+                Ok(())
+            }
             Command::Configure { ref config, needs_bridge_off } => self.configure(config, needs_bridge_off),
         }
     }
