@@ -23,6 +23,8 @@ use super::{Client, Error};
 /// A status this much older than the last command comes from a drive that was restarted since, ticks.
 const RESTARTED: u32 = SERVO_HZ / 10;
 
+/// So often a drive that has been restarted is asked who it is before it is given up.
+const RESTART_ATTEMPTS: u32 = 8;
 /// So often a drive that has been restarted is asked whether its control loop runs, and with such pauses.
 const STARTING_LOOKS: u32 = 100;
 const STARTING_LOOK: Duration = Duration::from_millis(20);
@@ -332,7 +334,10 @@ impl Drive {
     pub fn restart(&mut self) -> Result<Status, Error> {
         self.order(&Request::Restart)?;
         self.last_tick = 0;
-        self.identify()?;
+        // Settling a save that was cut short takes seconds, and nobody answers meanwhile.
+        let silent = |answer: &Result<(), Error>| matches!(answer, Err(Error::NoReply { .. }));
+        (1..RESTART_ATTEMPTS)
+            .fold(self.identify(), |answer, _| if silent(&answer) { self.identify() } else { answer })?;
         for _ in 0..STARTING_LOOKS {
             if self.status()?.state != State::NotReadyToSwitchOn {
                 break;
