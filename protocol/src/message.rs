@@ -22,7 +22,7 @@ use servo_core::store::Current;
 use crate::stream::{self, Block};
 
 /// Number of this version of the messages.
-pub const PROTOCOL: u16 = 3;
+pub const PROTOCOL: u16 = 4;
 
 /// Words in one block of capture data.
 pub const BLOCK_WORDS: usize = 90;
@@ -102,6 +102,11 @@ pub enum Request {
     Excitation,
     /// Look for the motor's electrical zero; the bridge is off when it has ended. What is found becomes a parameter, what fails a fault.
     Align,
+    /// Collect sine and cosine from now on, while the stage moves; refused with another encoder.
+    CollectSignals,
+    /// Correct sine and cosine by the ellipse that fits what has been collected. What is found becomes a parameter; the position changes
+    /// by what the error was.
+    CorrectSignals,
 }
 
 /// What the drive answers.
@@ -241,10 +246,14 @@ pub struct Status {
     pub lost_records: u32,
     /// Blocks of streams that found the line busy.
     pub lost_blocks: u32,
+    /// Health of an encoder with sine and cosine: estimated sub-divisional error, peak, m, over the last motion; `None` before enough of
+    /// it, and with another encoder. See [`servo_core::encoder::sincos::Interpolator::error_periods`].
+    pub subdivisional_error_m: Option<f32>,
 }
 
 impl Status {
-    /// Of the tick of `record`, with what the drive counts besides; nothing lost on the way, which is the caller's to add.
+    /// Of the tick of `record`, with what the drive counts besides; nothing lost on the way and no health of the encoder, which are the
+    /// caller's to add.
     pub fn of(record: &TickRecord, counters: Counters, capture: Progress) -> Self {
         Status {
             tick: record.sequence,
@@ -260,6 +269,7 @@ impl Status {
             bad_requests: 0,
             lost_records: 0,
             lost_blocks: 0,
+            subdivisional_error_m: None,
         }
     }
 }

@@ -22,6 +22,8 @@ use super::{Client, Error};
 
 /// A status this much older than the last command comes from a drive that was restarted since, ticks.
 const RESTARTED: u32 = SERVO_HZ / 10;
+/// Longer than any alignment, ticks.
+const ALIGN: u32 = 20 * SERVO_HZ;
 
 /// So often a drive that has been restarted is asked who it is before it is given up.
 const RESTART_ATTEMPTS: u32 = 8;
@@ -199,6 +201,23 @@ impl Drive {
     pub fn enable(&mut self) -> Result<Status, Error> {
         self.order(&Request::Enable)?;
         self.wait_until("enabling", 2 * SERVO_HZ, |_| true, |status| status.state == State::OperationEnabled)
+    }
+
+    /// Looks for the motor's electrical zero; the bridge is off when it has ended, and at once when `go_on` returns `false`.
+    /// Whether it was found: the drive's parameters then have it.
+    ///
+    /// # Errors
+    /// A refusal, the fault of an alignment that failed.
+    pub fn align(&mut self, go_on: impl Fn() -> bool) -> Result<bool, Error> {
+        self.order(&Request::Align)?;
+        for torque in [true, false] {
+            self.wait_until("aligning", ALIGN, |_| go_on(), |status| status.state.has_torque() == torque)?;
+        }
+        if go_on() {
+            return Ok(true);
+        }
+        self.order(&Request::Disable)?;
+        Ok(false)
     }
 
     /// How the last move settled.

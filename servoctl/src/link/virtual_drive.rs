@@ -23,6 +23,9 @@ pub const STATE: &str = "SERVO_VIRTUAL_STATE";
 /// How long the drive may take to start, after it has been built.
 const START: Duration = Duration::from_secs(120);
 
+/// How long the drive may take to see that its state file is gone.
+const END: Duration = Duration::from_secs(10);
+
 /// What `cargo xtask virtual` prints.
 #[derive(Debug, Deserialize)]
 struct Built {
@@ -79,17 +82,27 @@ pub fn publish(state: &Path, address: SocketAddr) -> std::io::Result<File> {
     Ok(file)
 }
 
-/// Ends the virtual drive; `false` if there was none.
+/// Ends the virtual drive and waits until it has; `false` if there was none.
 ///
 /// # Errors
-/// The state file cannot be removed.
+/// The state file cannot be removed, or the drive goes on without it.
 pub fn stop() -> Result<bool> {
-    let file = state_file();
-    match std::fs::remove_file(&file) {
-        Ok(()) => Ok(true),
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(false),
-        Err(error) => Err(error).with_context(|| format!("removing {}", file.display())),
+    stop_at(&state_file())
+}
+
+fn stop_at(state: &Path) -> Result<bool> {
+    let file = match File::open(state) {
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(false),
+        opened => opened.with_context(|| format!("opening {}", state.display()))?,
+    };
+    std::fs::remove_file(state).with_context(|| format!("removing {}", state.display()))?;
+    // A new one at the same place would keep the old one alive.
+    let begun = Instant::now();
+    while let Err(TryLockError::WouldBlock) = file.try_lock_shared() {
+        ensure!(begun.elapsed() < END, "the virtual drive does not end: its state file {} is gone", state.display());
+        std::thread::sleep(Duration::from_millis(10));
     }
+    Ok(true)
 }
 
 /// Starts the virtual drive in the background, built first if need be, and returns its address. `arguments` go to the program.
@@ -170,5 +183,23 @@ mod tests {
         assert!(state.exists());
         assert_eq!(find_at(&state), None);
         assert!(!state.exists());
+    }
+
+    #[test]
+    fn a_drive_is_stopped_when_it_has_ended() {
+        let directory = tempfile::tempdir().unwrap();
+        let state = directory.path().join("state");
+        assert!(!stop_at(&state).unwrap());
+        let alive = publish(&state, "127.0.0.1:5025".parse().unwrap()).unwrap();
+        let stopper = std::thread::spawn({
+            let state = state.clone();
+            move || stop_at(&state).unwrap()
+        });
+        while state.exists() {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        assert!(!stopper.is_finished());
+        drop(alive);
+        assert!(stopper.join().unwrap());
     }
 }

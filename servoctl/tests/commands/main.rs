@@ -4,6 +4,7 @@
 #![cfg(unix)]
 
 mod cable;
+mod sine_cosine;
 mod typed;
 
 use std::io::{BufRead, BufReader, Read};
@@ -141,6 +142,9 @@ fn from_the_first_move_to_a_pulled_cable() {
     typed::a_stream_is_written_without_a_loss(directory.path());
     typed::a_sequence_reports_what_it_has_done_however_it_ends(directory.path());
     typed::what_moves_is_stopped();
+    the_loop_is_measured();
+    a_profile_is_recorded_and_fitted(&directory.path().join("profile.csv"));
+    ctrl_c_ends_a_commissioning_which_goes_on_from_any_step(&directory.path().join("commissioning.html"));
     ctrl_c_stops_the_motion_first();
     a_second_client_is_told_why();
     cable::a_second_client_of_a_serial_port_is_told_why(&drive);
@@ -148,6 +152,9 @@ fn from_the_first_move_to_a_pulled_cable() {
     a_host_that_dies_in_mid_move_ends_it();
     cable::a_pulled_cable_is_reported_within_a_second_and_ends_the_move(&drive);
     typed::a_killed_drive_is_not_in_the_way(directory.path());
+    sine_cosine::an_encoder_without_sine_and_cosine_is_not_calibrated();
+    done("virtual --stop");
+    sine_cosine::sine_and_cosine_are_calibrated();
 }
 
 fn every_move_ends_with_how_it_settled() {
@@ -201,6 +208,80 @@ fn a_move_is_captured(file: &Path) {
     }
     assert_eq!((rows[0].as_str(), rows.len()), ("time_s,position_low_ct,error_ct,force_n,position_m,error_m", 1601));
     assert!(rows[1].starts_with("-0.01,") && rows[81].starts_with("0,"), "{} {}", rows[1], rows[81]);
+}
+
+fn the_loop_is_measured() {
+    let told = json("measure loop --amplitude 8 --frequency 60,85,120,170,1500 --speed 200mm/s");
+    let (found, near) = (&told[0], |value: &Value, low: f64, high: f64| {
+        assert!((low..high).contains(&value.as_f64().unwrap_or(f64::NAN)), "{value} in {told}");
+    });
+    near(&found["margins"]["crossover_hz"], 95.0, 108.0);
+    near(&found["margins"]["phase_margin_deg"], 40.0, 60.0);
+    // Above its friction the plant is a mass of 1.8 kg.
+    let [re, im] = [0, 1].map(|part| found["plant_m_per_n"][2]["value"][part].as_f64().unwrap());
+    let mass_kg = 1.0 / (re.hypot(im) * (std::f64::consts::TAU * 120.0f64).powi(2));
+    assert!((1.5..2.1).contains(&mass_kg), "{mass_kg} kg");
+    let by_velocity = json("measure loop --node velocity --amplitude 0.008 --frequency 60,85,120,170");
+    near(&by_velocity[0]["margins"]["crossover_hz"], 90.0, 115.0);
+    let carried = done("measure loop --amplitude 2 --frequency 85,120 --carrier 10mm/s");
+    assert!(carried.contains("Loop at 2 N") && carried.contains("plant / nm/N"), "{carried}");
+    refused("measure loop --amplitude 8 --frequency 60 --travel 1µm", &["met its limit of travel"]);
+    refused("measure loop --amplitude 8 --frequency 60 --speed 1µm/s", &["met its limit of speed"]);
+    refused("measure loop --amplitude 8 --frequency 60 --current 0.01", &["met its limit of current"]);
+    refused("measure loop --amplitude 8 --frequency 5000", &["frequency = 5000 Hz", "outside"]);
+    refused("measure loop --amplitude 8 --frequency 60,50", &["60, 50 is not in rising order"]);
+    assert_eq!(json("status")["state"], "Operation enabled");
+}
+
+fn a_profile_is_recorded_and_fitted(file: &Path) {
+    let name = file.display();
+    for frequency in [8, 16, 32] {
+        let told =
+            json(&format!("measure profile --amplitude 1.5 --frequency {frequency} --periods 4 --output {name}"));
+        assert_eq!(told["samples"], 4 * 8_000 / frequency);
+        assert!((0.3e-6..20e-6).contains(&told["moved_m"].as_f64().unwrap()), "{told}");
+        let fit = json(&format!("fit dahl {name} --mass 1.8 --force-constant 7.8"));
+        assert!((2e6..25e6).contains(&fit["sigma_n_per_m"].as_f64().unwrap()), "{fit}");
+        assert!((0.2..1.3).contains(&fit["coulomb_n"].as_f64().unwrap()), "{fit}");
+    }
+    let told = json(&format!("measure pulse --amplitude 3 --length 20ms --output {name}"));
+    assert!(told["samples"] == 160 && told["moved_m"].as_f64().unwrap() > 1e-6, "{told}");
+}
+
+/// The line of a commissioning that begins with `step`.
+fn commissioning_at(step: &str, words: &str) -> (Child, String) {
+    let mut child = command(words).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
+    let mut said = String::new();
+    for line in lines.by_ref() {
+        let line = line.unwrap();
+        said += &format!("{line}\n");
+        if line.starts_with(step) {
+            break;
+        }
+    }
+    interrupt(&child);
+    lines.for_each(|line| said += &format!("{}\n", line.unwrap()));
+    (child, said)
+}
+
+fn ctrl_c_ends_a_commissioning_which_goes_on_from_any_step(report: &Path) {
+    for (words, step, not) in [("", "plant: 20 %", "refused"), ("--from plant", "plant: 10 %", "safety:")] {
+        let (mut child, said) = commissioning_at(step, &format!("commission --output {} {words}", report.display()));
+        assert_eq!(child.wait().unwrap().code(), Some(130), "{said}");
+        assert!(said.contains("ended by the user; the bridge is off. `--from plant` goes on"), "{said}");
+        assert!(!said.contains(not), "{said}");
+        let status = json("status");
+        assert_eq!((&status["state"], &status["moving"]), (&Value::from("Switch on disabled"), &Value::from(false)));
+        assert!(std::fs::read_to_string(report).unwrap().contains("Ended at plant: ended by the user"));
+    }
+    let noise_m = std::fs::read_to_string(report.with_extension("json")).unwrap();
+    assert!(serde_json::from_str::<Value>(&noise_m).unwrap()["noise_m"].is_f64(), "kept from the first run: {noise_m}");
+    refused(
+        &format!("commission --output {} --from niasa", report.display()),
+        &["sigma is not known: begin with the step that finds it"],
+    );
+    done("params load");
 }
 
 fn ctrl_c_stops_the_motion_first() {

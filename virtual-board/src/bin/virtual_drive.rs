@@ -31,7 +31,7 @@ struct Arguments {
     /// Seed of every random number
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// A new drive, whose parameters nobody has saved; without it they fit the stage
+    /// A new drive, whose parameters nobody has saved; without it they fit the stage, and its motor counts as aligned
     #[arg(long)]
     blank: bool,
     /// Write the firmware's log to this file

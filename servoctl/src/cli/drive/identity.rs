@@ -8,7 +8,7 @@ use servo_protocol::message::{Request, Status};
 
 use super::super::output::Json;
 use super::{Connected, Link, serial_ports};
-use crate::link::units::show_length;
+use crate::link::units::{show_error, show_length};
 
 /// Options of commands that take none of their own.
 #[derive(Debug, clap::Args)]
@@ -84,6 +84,7 @@ pub fn status(link: &Link, options: &Options) -> Result<()> {
         "overruns": status.counters.overruns,
         "longest_tick_cycles": status.counters.longest_tick_cycles,
         "bad_encoder_frames": status.counters.bad_frames,
+        "subdivisional_error_m": status.subdivisional_error_m,
         "unreadable_requests": status.bad_requests,
         "lost_records": status.lost_records,
         "link_repeated": losses.repeated,
@@ -103,10 +104,14 @@ pub fn describe(status: &Status, count_m: f64) -> String {
         Progress::Complete(complete) => format!("{} samples, complete", complete.order.samples),
     };
     let counters = status.counters;
+    // Only sine and cosine have one.
+    let encoder = status.subdivisional_error_m.map_or(String::new(), |error_m| {
+        format!("encoder     sub-divisional error {} (estimated, peak)\n", show_error(error_m))
+    });
     format!(
         "state       {}, {motion}\nfault       {fault}\nposition    {}\nerror       {}\nforce       {:.3} N\nbus         {:.1} V\n\
          tick        {}; {} overruns, longest {} cycles\nlosses      {} bad encoder frames, {} unreadable requests, {} records\n\
-         capture     {capture}\n",
+         {encoder}capture     {capture}\n",
         status.state,
         show_length(status.position_ct as f64 * count_m),
         show_length(f64::from(status.error_ct) * count_m),

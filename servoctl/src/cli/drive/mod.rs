@@ -2,10 +2,12 @@
 
 pub mod align;
 pub mod black_box;
+pub mod calibrate_encoder;
 pub mod capture;
 pub mod faults;
 pub mod identity;
 pub mod log;
+pub mod measure;
 pub mod motion;
 pub mod params;
 pub mod record_file;

@@ -8,7 +8,7 @@ use serde::Serialize;
 use servo_core::parameters::Settings;
 use servo_core::profile::Limits;
 use servo_core::state::State;
-use servo_protocol::message::Request;
+use servo_protocol::message::{Request, Status};
 
 use super::super::interrupt;
 use super::super::output::Json;
@@ -101,12 +101,8 @@ pub fn run(link: &Link, options: &Options) -> Result<ExitCode> {
 /// A refusal, a fault on the way; those of the link.
 pub fn go(connected: &mut Connected, settings: &Settings, motion: &Motion, report: bool) -> Result<End> {
     let interrupted = interrupt::flag_saying("braking; Ctrl-C again leaves the drive to itself")?;
+    let status = enable_if_virtual(connected)?;
     let drive = &mut connected.drive;
-    let mut status = drive.status()?;
-    if connected.is_virtual && status.fault.is_none() && status.state != State::OperationEnabled {
-        eprintln!("enabling the virtual drive (a real one wants `servoctl enable`)");
-        status = drive.enable()?;
-    }
     let count_m = settings.encoder_count_m;
     let from_ct = status.position_ct + i64::from(status.error_ct);
     let distance_ct = motion.target / count_m;
@@ -149,6 +145,19 @@ pub fn go(connected: &mut Connected, settings: &Settings, motion: &Motion, repor
         compensator: settings.compensator,
         settling,
     })))
+}
+
+/// The drive's status, behind enabling it if it is a virtual one that is not.
+///
+/// # Errors
+/// A refusal, a fault on the way; those of the link.
+pub fn enable_if_virtual(connected: &mut Connected) -> Result<Status> {
+    let status = connected.drive.status()?;
+    if !connected.is_virtual || status.fault.is_some() || status.state == State::OperationEnabled {
+        return Ok(status);
+    }
+    eprintln!("enabling the virtual drive (a real one wants `servoctl enable`)");
+    Ok(connected.drive.enable()?)
 }
 
 /// The error, and what the drive does now if it cannot be reached any more.
