@@ -59,17 +59,23 @@ fn gms_slope(runs: &[&Run]) -> (String, Verdict) {
             [("", "dahl", "maxwell-table-4"), (", true", "dahl-true", "maxwell-table-4-true")]
         {
             let Some((dahl, elements)) = of(dahl).zip(of(elements)) else { continue };
-            let slower = |t: &usize| {
-                let [dahl, elements] = [dahl, elements].map(|config| sample(&config.settling, *t));
-                let error = |sample: &Sample| sample.std.unwrap_or(0.0) / libm::sqrt(sample.count.max(1) as f64);
+            let error = |sample: &Sample| sample.std.unwrap_or(0.0) / libm::sqrt(sample.count.max(1) as f64);
+            let slower = |t: usize| {
+                let [dahl, elements] = [dahl, elements].map(|config| sample(&config.settling, t));
                 let granted = 2.0 * libm::hypot(error(&dahl), error(&elements));
-                !dahl.mean.zip(elements.mean).is_some_and(|(dahl, elements)| elements <= dahl + granted)
+                let slow = !dahl.mean.zip(elements.mean).is_some_and(|(dahl, elements)| elements <= dahl + granted);
+                let shown = |sample: &Sample| {
+                    sample
+                        .mean
+                        .map_or(MISSING.to_owned(), |ms| format!("{} ± {}", number(ms, 1), number(error(sample), 1)))
+                };
+                let nm = run.settling.tolerances_nm[t];
+                slow.then(|| format!("±{nm} nm ({} against {} ms)", shown(&elements), shown(&dahl)))
             };
-            let slow: Vec<u32> =
-                (0..run.settling.tolerances_nm.len()).filter(slower).map(|t| run.settling.tolerances_nm[t]).collect();
+            let slow: Vec<String> = (0..run.settling.tolerances_nm.len()).filter_map(slower).collect();
             let says = match slow.as_slice() {
                 [] => "as fast as on Dahl's slope at every tolerance".to_owned(),
-                slow => format!("slower at {}", tolerances(slow)),
+                slow => format!("slower at {}", slow.join(", ")),
             };
             checks.push(Check::new(slow.is_empty(), format!("{form}{model}: {says}")));
             let t = run.settling.tolerances_nm.iter().position(|nm| *nm == SHOWN_NM).unwrap_or(0);
