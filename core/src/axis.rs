@@ -7,7 +7,6 @@ use crate::capture::{self, Capture};
 use crate::config::Config;
 use crate::current::{Bridge, CurrentLoop, Demand, PhaseCodes};
 use crate::drive::{Command, Drive, Inputs, Outcome};
-use crate::monitor::signals;
 use crate::record::TickRecord;
 
 /// Raw values of a servo period.
@@ -22,7 +21,7 @@ pub struct ServoSample {
     pub bus_code: u16,
     /// ADC code of the bridge temperature.
     pub temperature_code: u16,
-    /// What the board tells beside: bits of [`signals`], without those of the current loop.
+    /// What the board tells beside: bits of [`crate::monitor::signals`], without those of the current loop.
     pub signals: u32,
     /// CPU cycles from PWM update to new compare values in the previous servo period.
     pub last_tick_cycles: u32,
@@ -32,14 +31,12 @@ impl Inputs {
     /// What the drive is told of a servo period.
     #[inline]
     pub fn new(sample: &ServoSample, current: &CurrentLoop) -> Inputs {
-        let tripped = if current.is_tripped() { signals::OVER_CURRENT } else { 0 };
-        let limited = if current.is_saturated() { signals::VOLTAGE_LIMITED } else { 0 };
         Inputs {
             frame: sample.frame,
             iq_a: current.iq_a(),
             bus_code: sample.bus_code,
             temperature_code: sample.temperature_code,
-            signals: sample.signals | tripped | limited,
+            signals: sample.signals | current.signals(),
             last_tick_cycles: sample.last_tick_cycles,
         }
     }
@@ -101,7 +98,11 @@ impl Axis {
     #[inline]
     pub fn on_period(&mut self, phases: PhaseCodes) -> Bridge {
         self.periods = if self.periods < PERIODS_PER_TICK { self.periods + 1 } else { self.periods };
-        self.current.step(&self.drive.config().current, &self.demand, phases, self.periods)
+        let k = &self.drive.config().current;
+        if self.periods == 1 {
+            self.current.watch(k, self.demand.enabled, phases);
+        }
+        self.current.step(k, &self.demand, phases, self.periods)
     }
 
     /// A servo period: the tick first, then the current loop with the new set-point, so that the voltage that follows from this

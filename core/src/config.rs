@@ -144,6 +144,7 @@ impl Config {
                 proportional_v_per_a,
                 integral_v_per_a,
                 trip_a: s.over_current_a as f32,
+                frozen_ticks: frozen_ticks(s),
                 dead_time_duty: (s.dead_time_s * f64::from(PWM_HZ)) as f32,
                 dead_time_per_a: (1.0 / s.dead_time_band_a) as f32,
             },
@@ -184,6 +185,11 @@ impl Config {
     }
 }
 
+/// Equal readings in a row that are none.
+fn frozen_ticks(s: &Settings) -> u16 {
+    if s.encoder_frozen_ticks < 1.0 { u16::MAX } else { s.encoder_frozen_ticks as u16 }
+}
+
 /// Thresholds of the monitors.
 fn monitor(s: &Settings) -> monitor::Coefficients {
     let window_s = f64::from(monitor::WINDOW_S);
@@ -197,7 +203,7 @@ fn monitor(s: &Settings) -> monitor::Coefficients {
         bus_min_code: lowest(s.bus_min_v / s.bus_full_scale_v),
         bus_max_code: highest(s.bus_max_v / s.bus_full_scale_v),
         temperature_max_code: highest((s.temperature_max_c - s.temperature_zero_c) / celsius),
-        frozen_ticks: if s.encoder_frozen_ticks < 1.0 { u16::MAX } else { s.encoder_frozen_ticks as u16 },
+        frozen_ticks: frozen_ticks(s),
         following_error_max_ct: to_ct(s.following_error_max_m) as i32,
         overspeed_ct: to_ct(s.overspeed_m_per_s * window_s) as i32,
         jump_ct: to_ct(s.encoder_jump_m) as i32,

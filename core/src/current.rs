@@ -5,10 +5,18 @@
 //! space-vector modulation) uses the whole hexagon.
 
 use crate::math::{limit, sin_cos_turns};
+use crate::monitor::signals;
 use crate::{PWM_DT_S, PWM_TOP};
 
-/// Duty is kept this far from 0 and 1, so that bootstraps are recharged. It is less than sampling a low-side shunt takes.
-pub const DUTY_MARGIN: f32 = 0.02;
+/// Smallest duty of a high side: the dead time.
+pub const DUTY_MIN: f32 = 0.02;
+/// Largest duty of a high side. Its low side is left 2 µs: half of them behind the sampling instant for the 0.6 µs of both converters, half
+/// before it, of which the dead time takes 0.5 µs and a shunt's amplifier 0.3 µs to settle. Bootstraps are recharged meanwhile.
+pub const DUTY_MAX: f32 = 0.92;
+/// Share of the bus voltage that is to be had between two phases.
+pub const DUTY_SPAN: f32 = DUTY_MAX - DUTY_MIN;
+/// Around which the phases are centred.
+const DUTY_CENTRE: f32 = 0.5 * (DUTY_MIN + DUTY_MAX);
 
 const SQRT3_2: f32 = 0.866_025_4;
 const INV_SQRT3: f32 = 0.577_350_26;
@@ -48,6 +56,8 @@ pub struct Coefficients {
     pub integral_v_per_a: f32,
     /// Any phase current above this trips the bridge in the same period, A.
     pub trip_a: f32,
+    /// Equal codes of a phase in a row, one a tick, that are a converter which has stopped; `u16::MAX`: never.
+    pub frozen_ticks: u16,
     /// Share of the period that dead time takes from (or gives to) a phase.
     pub dead_time_duty: f32,
     /// 1/A: dead-time compensation is linear in the phase set-point up to the inverse of this, then constant.
@@ -90,8 +100,11 @@ pub struct CurrentLoop {
     iq_a: f32,
     id_a: f32,
     peak_a: f32,
-    tripped: bool,
-    saturated: bool,
+    /// What is wrong and which limit acts: bits of [`signals`].
+    signals: u32,
+    /// Codes of the last tick, and in how many in a row each has been the same.
+    watched: PhaseCodes,
+    same: [u16; 2],
 }
 
 impl Default for CurrentLoop {
@@ -102,8 +115,9 @@ impl Default for CurrentLoop {
             iq_a: 0.0,
             id_a: 0.0,
             peak_a: 0.0,
-            tripped: false,
-            saturated: false,
+            signals: 0,
+            watched: PhaseCodes { a: 32768, b: 32768 },
+            same: [0; 2],
         }
     }
 }
@@ -121,27 +135,35 @@ impl CurrentLoop {
         self.id_a
     }
 
-    /// A phase current was above the trip level; latched until [`CurrentLoop::clear_trip`].
+    /// What the loop tells, as bits of [`signals`]: [`signals::OVER_CURRENT`], latched until [`CurrentLoop::clear_trip`];
+    /// [`signals::CURRENT_FROZEN`] as of the last tick; [`signals::VOLTAGE_LIMITED`] if in the last period the bus did not give the
+    /// voltage asked for.
     #[inline]
-    pub fn is_tripped(&self) -> bool {
-        self.tripped
-    }
-
-    /// In the last period the bus did not give the voltage asked for.
-    #[inline]
-    pub fn is_saturated(&self) -> bool {
-        self.saturated
+    pub fn signals(&self) -> u32 {
+        self.signals
     }
 
     /// Forgets a trip.
     pub fn clear_trip(&mut self) {
-        self.tripped = false;
+        self.signals &= !signals::OVER_CURRENT;
+    }
+
+    /// Once a tick, in a period without servo tick: whether a converter has stopped. A live one has noise, in its last bit at the least,
+    /// so that the same code [`Coefficients::frozen_ticks`] times in a row is none of its. With the bridge off nothing is looked for:
+    /// sensors without supply rest at an end of their range.
+    #[inline]
+    pub fn watch(&mut self, k: &Coefficients, enabled: bool, phases: PhaseCodes) {
+        let count = |same: u16, is_same: bool| if is_same && enabled { same.saturating_add(1) } else { 0 };
+        self.same = [count(self.same[0], phases.a == self.watched.a), count(self.same[1], phases.b == self.watched.b)];
+        self.watched = phases;
+        let frozen = self.same[0].max(self.same[1]) >= k.frozen_ticks;
+        self.signals = self.signals & !signals::CURRENT_FROZEN | if frozen { signals::CURRENT_FROZEN } else { 0 };
     }
 
     /// One PWM period: `periods` is how many have passed since the demand was made.
     ///
     /// # Range
-    /// Duties stay within `DUTY_MARGIN..=1 − DUTY_MARGIN`; if the voltages ask for more, all are scaled down together and
+    /// Duties stay within `DUTY_MIN..=DUTY_MAX`; if the voltages ask for more, all are scaled down together and
     /// the integrators stop (anti-windup). A trip turns the bridge off in this very period.
     #[inline]
     pub fn step(&mut self, k: &Coefficients, demand: &Demand, phases: PhaseCodes, periods: u32) -> Bridge {
@@ -149,16 +171,17 @@ impl CurrentLoop {
         let ib = (i32::from(phases.b) - 32768) as f32 * k.amps_per_code;
         let ic = -ia - ib;
         self.peak_a = ia.abs().max(ib.abs()).max(ic.abs());
-        self.tripped |= demand.enabled && self.peak_a > k.trip_a;
+        let tripped = demand.enabled && self.peak_a > k.trip_a;
+        let mut told = self.signals & !signals::VOLTAGE_LIMITED | if tripped { signals::OVER_CURRENT } else { 0 };
 
         let (sin, cos) = sin_cos_turns(demand.turns + periods as f32 * demand.turns_per_period);
         let i_beta = (ia + 2.0 * ib) * INV_SQRT3;
         self.id_a = cos * ia + sin * i_beta;
         self.iq_a = cos * i_beta - sin * ia;
-        if !demand.enabled || self.tripped {
+        if !demand.enabled || told & signals::OVER_CURRENT != 0 {
             self.d_integral_v = 0.0;
             self.q_integral_v = 0.0;
-            self.saturated = false;
+            self.signals = told;
             return Bridge::OFF;
         }
 
@@ -171,12 +194,13 @@ impl CurrentLoop {
         let (high, low) = (a.max(b).max(c), a.min(b).min(c));
         let mut centre = (high + low) * 0.5;
         let span = (high - low) * demand.per_bus_v;
-        let saturated = span > 1.0 - 2.0 * DUTY_MARGIN;
-        self.saturated = saturated;
+        let saturated = span > DUTY_SPAN;
         if saturated {
-            let scale = (1.0 - 2.0 * DUTY_MARGIN) / span;
+            told |= signals::VOLTAGE_LIMITED;
+            let scale = DUTY_SPAN / span;
             (a, b, c, centre) = (a * scale, b * scale, c * scale, centre * scale);
         }
+        self.signals = told;
         // Anti-windup: at the limit an integrator may only turn back.
         if !saturated || d_increment_v * d_v < 0.0 {
             self.d_integral_v += d_increment_v;
@@ -188,8 +212,8 @@ impl CurrentLoop {
         let (ra, rb, rc) = phases_of(-sin * demand.iq_a, cos * demand.iq_a);
         let compare = |v: f32, reference_a: f32| {
             let dead_time = k.dead_time_duty * limit(reference_a * k.dead_time_per_a, -1.0, 1.0);
-            let duty = 0.5 + (v - centre) * demand.per_bus_v + dead_time;
-            (limit(duty, DUTY_MARGIN, 1.0 - DUTY_MARGIN) * f32::from(PWM_TOP) + 0.5) as u32 as u16
+            let duty = DUTY_CENTRE + (v - centre) * demand.per_bus_v + dead_time;
+            (limit(duty, DUTY_MIN, DUTY_MAX) * f32::from(PWM_TOP) + 0.5) as u32 as u16
         };
         Bridge { compare: [compare(a, ra), compare(b, rb), compare(c, rc)], enabled: true }
     }
@@ -214,6 +238,7 @@ mod tests {
             proportional_v_per_a,
             integral_v_per_a,
             trip_a: 9.5,
+            frozen_ticks: 80,
             dead_time_duty: 0.02,
             dead_time_per_a: 20.0,
         }
@@ -242,9 +267,9 @@ mod tests {
     }
 
     #[test]
-    fn without_demand_or_current_every_duty_is_one_half() {
+    fn without_demand_or_current_every_duty_is_the_centre() {
         let bridge = CurrentLoop::default().step(&coefficients(), &demand(0.0, 0.3), codes(0.0, 0.0), 0);
-        assert_eq!(bridge, Bridge { compare: [PWM_TOP / 2; 3], enabled: true });
+        assert_eq!(bridge, Bridge { compare: [(DUTY_CENTRE * f32::from(PWM_TOP) + 0.5) as u16; 3], enabled: true });
     }
 
     #[test]
@@ -254,7 +279,7 @@ mod tests {
         let bridge = CurrentLoop::default().step(&k, &demand(0.1, 0.0), codes(0.0, 0.0), 0);
         let volts = (k.proportional_v_per_a + k.integral_v_per_a) * 0.1;
         let counts = volts * SQRT3_2 / 48.0 * f32::from(PWM_TOP);
-        let centre = f32::from(PWM_TOP) / 2.0;
+        let centre = DUTY_CENTRE * f32::from(PWM_TOP);
         let round = |x: f32| (x + 0.5) as u16;
         assert_eq!(bridge.compare, [round(centre), round(centre + counts), round(centre - counts)]);
     }
@@ -264,11 +289,37 @@ mod tests {
         for (ia, ib) in [(9.6, 0.0), (0.0, -9.6), (-4.9, -4.9), (4.9, 4.9)] {
             let mut current = CurrentLoop::default();
             assert_eq!(current.step(&coefficients(), &demand(1.0, 0.1), codes(ia, ib), 0), Bridge::OFF);
-            assert!(current.is_tripped());
+            assert_eq!(current.signals(), signals::OVER_CURRENT);
             assert_eq!(current.step(&coefficients(), &demand(1.0, 0.1), codes(0.0, 0.0), 0), Bridge::OFF);
             current.clear_trip();
             assert!(current.step(&coefficients(), &demand(1.0, 0.1), codes(0.0, 0.0), 0).enabled);
         }
+    }
+
+    #[test]
+    fn a_converter_is_frozen_once_it_has_given_one_code_for_so_many_ticks_with_the_bridge_on() {
+        let k = coefficients();
+        for stuck in [[true, false], [false, true], [true, true]] {
+            let mut current = CurrentLoop::default();
+            let mut watch = |enabled, tick: u16| {
+                let [a, b] = stuck.map(|stuck| if stuck { 33_000 } else { 33_000 + tick % 2 });
+                current.watch(&k, enabled, PhaseCodes { a, b });
+                current.signals()
+            };
+            assert!((0..300).all(|tick| watch(false, tick) == 0), "bridge off");
+            assert!((0..79).all(|tick| watch(true, tick) == 0), "{stuck:?}");
+            assert_eq!(watch(true, 79), signals::CURRENT_FROZEN, "{stuck:?}");
+            assert_eq!(watch(false, 80), 0, "and gone with the bridge");
+        }
+        let mut live = CurrentLoop::default();
+        for tick in 0..10_000_u16 {
+            // The most that a live one repeats itself.
+            let code = 40_000 + tick / 80 % 2;
+            live.watch(&k, true, PhaseCodes { a: code, b: code });
+            assert_eq!(live.signals(), 0);
+        }
+        live.watch(&Coefficients { frozen_ticks: u16::MAX, ..k }, true, PhaseCodes { a: 0, b: 0 });
+        assert_eq!(live.signals(), 0);
     }
 
     #[test]
@@ -293,12 +344,13 @@ mod tests {
             for _ in 0..20 {
                 let demand = Demand { enabled: true, iq_a: iq, turns, turns_per_period: 1e-4, per_bus_v: 1.0 / bus_v };
                 let bridge = current.step(&k, &demand, PhaseCodes { a, b }, periods);
-                let low = (DUTY_MARGIN * f32::from(PWM_TOP)) as u16;
+                let [low, high, centre] =
+                    [DUTY_MIN, DUTY_MAX, DUTY_CENTRE].map(|duty| (duty * f32::from(PWM_TOP) + 0.5) as u16);
                 for compare in bridge.compare {
-                    prop_assert!((low..=PWM_TOP - low).contains(&compare));
+                    prop_assert!((low..=high).contains(&compare));
                 }
                 let (highest, lowest) = (bridge.compare.iter().max().unwrap(), bridge.compare.iter().min().unwrap());
-                prop_assert!((highest + lowest).abs_diff(PWM_TOP) <= 1, "{bridge:?}");
+                prop_assert!((highest + lowest).abs_diff(2 * centre) <= 1, "{bridge:?}");
             }
             prop_assert!(current.iq_a().is_finite() && current.q_integral_v.is_finite());
         }

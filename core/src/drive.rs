@@ -88,6 +88,8 @@ pub enum Command {
     BeginSave,
     /// The flash has been written, or could not be.
     EndSave,
+    /// Correct sine and cosine in this way from now on, and learn from there. The position changes by what the error was.
+    CorrectSignals(sincos::Correction),
 }
 
 /// The answer to a command.
@@ -139,7 +141,7 @@ pub struct Drive {
     /// An excitation acts.
     exciting: bool,
     was_moving: bool,
-    /// The next tick keeps `static_n`, whatever has been changed.
+    /// The next tick keeps `static_n`, and the damping by `absorbed_share`, whatever has been changed.
     absorb: bool,
     /// The flash is being written: no torque meanwhile.
     saving: bool,
@@ -170,6 +172,8 @@ pub struct Drive {
     /// Its electrical angle, turns, and amplitude, A.
     vector: Option<[f32; 2]>,
     excitation: Excitation,
+    /// Derivative gain before a change, as a share of that after it.
+    absorbed_share: f32,
 }
 
 impl Drive {
@@ -208,6 +212,7 @@ impl Drive {
             bus_v: 0.0,
             counters: Counters::default(),
             excitation: Excitation::default(),
+            absorbed_share: 1.0,
             saving: false,
         }
     }
@@ -515,9 +520,9 @@ impl Drive {
         let mut wanted_n =
             proportional_n + (self.cascade.integral_n + self.nonlinear_n) as f32 + action.direct_n + feedforward_n;
         if core::mem::take(&mut self.absorb) {
-            let bump_n = wanted_n - rate_n - self.static_n;
-            self.cascade.integral_n -= f64::from(bump_n);
-            wanted_n -= bump_n;
+            let before_n = self.static_n + terms.rate_n * self.absorbed_share;
+            self.cascade.integral_n -= f64::from(wanted_n - before_n);
+            wanted_n = before_n;
         }
         self.static_n = wanted_n - rate_n;
         let force_n = wanted_n.clamp(-k.force_limit_n, k.force_limit_n);

@@ -116,8 +116,8 @@ faults! {
         "The firmware ended in a panic or a processor fault and started again.", "Report the message in the log with the black box.";
     24 WatchdogReset 0x6010 Off "50 ms (watchdog), told after the reset", "watchdog reset",
         "The watchdog restarted the processor.", "This is a defect of the firmware: report it with the black box.";
-    26 CurrentFrozen 0x5400 Off "encoder_frozen_ticks windows of 4 ticks: 40 ms", "current readings silent",
-        "The measured current stays the same to the last bit, without even noise: both sensors read zero.", "Check the current sensors and their supply.";
+    26 CurrentFrozen 0x5400 Off "encoder_frozen_ticks and 1: 10 ms", "current reading frozen",
+        "A phase current reads the same to the last bit, without even noise: its sensor or converter has stopped.", "Check the current sensors and their supply.";
     13 EncoderSignal 0x7300 Off "3 samples", "encoder signal",
         "For three samples in a row sine and cosine left their amplitude window, or their counter did not agree with them.",
         "Clean scale and reading head; check their distance, cable and supply.";

@@ -25,6 +25,9 @@ pub const SCHEMA: u16 = 2;
 /// Oldest version that is still read.
 pub const OLDEST_SCHEMA: u16 = SCHEMA - 1;
 
+/// First version with `commutation_identity`.
+const COMMUTATION_IDENTITY_SINCE: u16 = 2;
+
 /// Words of an image of the present table, header included, seals not.
 pub const WORDS: usize = 1 + COUNT.div_ceil(ENTRIES_PER_WORD);
 /// More entries than any table has; a header that claims more is none.
@@ -194,7 +197,7 @@ pub fn intact(mut read: impl FnMut(u32) -> Option<Word>) -> Result<Header, Inval
 /// The settings of an [`intact`] image.
 ///
 /// An image of the present schema must hold every parameter. In one of the schema before, a parameter that is new since then takes
-/// its default, chosen so that the drive behaves as it did; one that is gone is ignored.
+/// its default, or another value, so that the drive behaves as it did; one that is gone is ignored.
 ///
 /// # Errors
 /// [`Invalid::Schema`], [`Invalid::Missing`], or [`Invalid::Refused`] with the value and its range.
@@ -203,6 +206,10 @@ pub fn settings(header: &Header, mut read: impl FnMut(u32) -> Option<Word>) -> R
         return Err(Invalid::Schema(header.schema));
     }
     let mut settings = Settings::default();
+    if header.schema < COMMUTATION_IDENTITY_SINCE {
+        // The drive that wrote it commutated by its offset, whatever the encoder.
+        settings.commutation_identity = settings.encoder_identity;
+    }
     let mut found = [false; COUNT];
     for index in 1..header.words() {
         let word = read(index).ok_or(Invalid::Body)?;

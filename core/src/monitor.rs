@@ -26,6 +26,8 @@ pub mod signals {
     pub const WATCHDOG_RESET: u32 = 1 << 5;
     /// No valid parameters are stored: those in use are defaults that nobody has chosen.
     pub const PARAMETERS_INVALID: u32 = 1 << 6;
+    /// A converter of a phase current gives the same code for ever.
+    pub const CURRENT_FROZEN: u32 = 1 << 7;
     /// All bits that are faults.
     pub const FAULTS: u32 = 0xffff;
     /// The current loop asks for more voltage than the bus gives: a limit, not a fault. The upper half has the order of the record's flags.
@@ -49,7 +51,7 @@ pub struct Coefficients {
     pub bus_max_code: u16,
     /// Highest code of the temperature.
     pub temperature_max_code: u16,
-    /// Equal readings in a row at rest that are a frozen encoder, and windows of equal current; `u16::MAX`: never.
+    /// Equal readings in a row at rest that are a frozen encoder; `u16::MAX`: never.
     pub frozen_ticks: u16,
     /// Largest position error, counts.
     pub following_error_max_ct: i32,
@@ -93,11 +95,8 @@ pub struct Monitor {
     window_step_ct: i32,
     window_error_ct: u32,
     window_a: f32,
-    sampled_a: f32,
     heat_a2: f32,
     silent_windows: u32,
-    /// Windows in a row with the same current, to the last bit.
-    same_currents: u16,
     opposed: u8,
     runs_away: bool,
 }
@@ -201,12 +200,7 @@ impl Monitor {
             }
             1 => {
                 self.heat_a2 += k.overload_share * (inputs.iq_a * inputs.iq_a - self.heat_a2);
-                let same = inputs.iq_a == self.sampled_a;
-                self.sampled_a = inputs.iq_a;
-                self.same_currents = if same { self.same_currents.saturating_add(1) } else { 0 };
-                self.heat_a2 > k.overload_a2
-                    || self.same_currents >= k.frozen_ticks
-                    || inputs.temperature_code > k.temperature_max_code
+                self.heat_a2 > k.overload_a2 || inputs.temperature_code > k.temperature_max_code
             }
             2 => {
                 let error_ct = error_ct.unsigned_abs();
@@ -254,7 +248,6 @@ impl Monitor {
             (turn == 2 && beyond(self.window_step_ct, k.overspeed_ct), Fault::Overspeed),
             (turn == 2 && self.runs_away, Fault::Runaway),
             (beyond(error_ct, k.following_error_max_ct), Fault::FollowingError),
-            (turn == 1 && self.same_currents >= k.frozen_ticks, Fault::CurrentFrozen),
             (inputs.temperature_code > k.temperature_max_code, Fault::OverTemperature),
             (self.heat_a2 > k.overload_a2, Fault::MotorOverload),
             (turn == 3 && outside, Fault::PositionLimit),
@@ -290,6 +283,7 @@ fn beyond(value: i32, limit: i32) -> bool {
 fn signalled(bits: u32) -> Option<Fault> {
     use signals::*;
     let table = [
+        (CURRENT_FROZEN, Fault::CurrentFrozen),
         (OVER_CURRENT, Fault::OverCurrent),
         (BRIDGE_FAULT, Fault::BridgeFault),
         (PANICKED, Fault::Panic),
@@ -326,7 +320,7 @@ mod tests {
                 Some(Fault::Panic),
                 Some(Fault::WatchdogReset),
                 Some(Fault::ParametersInvalid),
-                None
+                Some(Fault::CurrentFrozen)
             ]
         );
         assert_eq!(signalled(signals::VOLTAGE_LIMITED), None);

@@ -103,7 +103,7 @@ parameters! {
     0x0101 encoder_count_m "m" [1e-12, 1e-6] 4e-6 / 65536.0, BridgeOff, "Length of one encoder count.";
     0x0102 encoder_origin_ct "ct" [0.0, 4_294_967_295.0] 2_147_483_648.0, BridgeOff, "Encoder reading at position 0.";
     0x0103 encoder_jump_m "m" [1e-9, 1.0] 1e-6, BridgeOff, "A change of the movement from tick to tick beyond this is a fault; above what the motor's force can do in a tick.";
-    0x0104 encoder_frozen_ticks "ticks" [0.0, 60_000.0] 80.0, BridgeOff, "So many equal readings in a row at rest are a fault, and as many windows of 4 ticks with equal currents; 0: never, for readings coarser than their noise.";
+    0x0104 encoder_frozen_ticks "ticks" [0.0, 60_000.0] 80.0, BridgeOff, "So many equal readings in a row at rest are a fault, and as many equal codes of a phase current, one a tick; 0: never, for readings coarser than their noise.";
     0x0105 encoder_kind "" [0.0, 1.0] 0.0, BridgeOff, "0: BiSS-C. 1: sine and cosine of 1 Vpp, with a counter of their edges.";
     0x0106 sincos_amplitude "" [0.05, 1.0] 0.75, BridgeOff, "Amplitude of the cosine, as a share of half the converter's range.";
     0x0107 sincos_cos_offset "" [-0.3, 0.3] 0.0, BridgeOff, "Offset of the cosine, as a share of its amplitude.";
@@ -112,7 +112,7 @@ parameters! {
     0x010a sincos_phase_rad "rad" [-0.35, 0.35] 0.0, BridgeOff, "What the sine is ahead of its 90° from the cosine.";
     0x010b sincos_amplitude_min "" [0.1, 1.0] 0.6, BridgeOff, "A smaller amplitude, as a share of the nominal one, is a fault.";
     0x010c sincos_amplitude_max "" [1.0, 2.0] 1.3, BridgeOff, "A larger amplitude, as a share of the nominal one, is a fault.";
-    0x010d encoder_identity "" [0.0, 4_294_967_295.0] 0.0, BridgeOff, "Serial number of the absolute encoder: to be changed when it is.";
+    0x010d encoder_identity "" [0.0, 4_294_967_295.0] 0.0, BridgeOff, "Number of the absolute encoder, say its serial number: to be changed when the encoder or the motor is. Its frames do not tell it.";
     0x0201 magnet_pitch_m "m" [1e-3, 1.0] 0.03, BridgeOff, "Length of one electrical turn of the motor (a pair of poles).";
     0x0202 commutation_offset_m "m" [-1.0, 1.0] 0.0, BridgeOff, "Added to the position before it becomes an electrical angle.";
     0x0203 force_constant_n_per_a "N/A" [0.1, 1000.0] 7.8, BridgeOff, "Force per ampere of the dq frame's q axis (peak).";
@@ -132,7 +132,7 @@ parameters! {
     0x0211 temperature_max_c "°C" [-50.0, 200.0] 80.0, BridgeOff, "Above this the bridge is off.";
     0x0212 continuous_current_a "A" [0.01, 200.0] 4.0, BridgeOff, "Current that the motor takes for ever; the thermal model allows more for a time.";
     0x0213 thermal_time_constant_s "s" [0.1, 1000.0] 10.0, BridgeOff, "Time constant of the motor's thermal model (i²t).";
-    0x0214 commutation_identity "" [-1.0, 4_294_967_295.0] 0.0, BridgeOff, "encoder_identity for which commutation_offset_m holds; with another one, −1 or an incremental encoder the motor is to be aligned before it is enabled.";
+    0x0214 commutation_identity "" [-1.0, 4_294_967_295.0] -1.0, BridgeOff, "encoder_identity for which commutation_offset_m holds; −1: for none, the motor was never aligned. With another one than the encoder's, or an incremental encoder, the motor is to be aligned before it is enabled.";
     0x0215 alignment_current_a "A" [0.1, 200.0] 5.0, BridgeOff, "Amplitude of the current vector that looks for the electrical zero; current_limit_a if that is less.";
     0x0216 alignment_travel_m "m" [1e-6, 0.01] 200e-6, BridgeOff, "The stage may go so far from where it was while the electrical zero is looked for.";
     0x0301 position_gain_per_s "1/s" [0.0, 1e5] 431.974_539_479_188_14, Always, "Position loop gain K_p.";

@@ -165,7 +165,8 @@ pub struct Inputs {
     pub ready: bool,
     /// Nothing has to be braked before the bridge goes off: the motion is at rest, or no option asks for a ramp.
     pub released: bool,
-    /// Quick stop ends in Quick stop active and not in Switch on disabled (option codes 5 and 6).
+    /// Quick stop ends in Quick stop active, from where Operation enabled can be asked for, and not in Switch on disabled (option codes 5
+    /// and 6).
     pub stays_stopped: bool,
 }
 
@@ -202,7 +203,7 @@ pub const fn next(state: State, inputs: Inputs) -> State {
         (OperationEnabled, _) => OperationEnabled,
 
         (QuickStopActive, DisableVoltage) => SwitchOnDisabled, // 12
-        (QuickStopActive, EnableOperation) => OperationEnabled, // 16
+        (QuickStopActive, EnableOperation) if stays_stopped => OperationEnabled, // 16
         (QuickStopActive, _) if released && !stays_stopped => SwitchOnDisabled, // 12
         (QuickStopActive, _) => QuickStopActive,
     }
@@ -244,10 +245,9 @@ mod tests {
             (OperationEnabled, ReadyToSwitchOn, |i| !i.fault && i.request == Shutdown && i.released),
             (OperationEnabled, SwitchOnDisabled, |i| !i.fault && i.request == DisableVoltage),
             (OperationEnabled, QuickStopActive, |i| !i.fault && i.request == QuickStop),
-            (QuickStopActive, OperationEnabled, |i| !i.fault && i.request == EnableOperation),
+            (QuickStopActive, OperationEnabled, |i| !i.fault && i.request == EnableOperation && i.stays_stopped),
             (QuickStopActive, SwitchOnDisabled, |i| {
-                let ended = i.released && !i.stays_stopped && i.request != EnableOperation;
-                !i.fault && (i.request == DisableVoltage || ended)
+                !i.fault && (i.request == DisableVoltage || (i.released && !i.stays_stopped))
             }),
             (NotReadyToSwitchOn, FaultReactionActive, |i| i.fault),
             (SwitchOnDisabled, FaultReactionActive, |i| i.fault),

@@ -1,5 +1,6 @@
 //! An image that the schema before this one wrote, kept as it came out of its firmware (`examples/golden_image.rs`), is still read.
 
+use servo_core::config::Config;
 use servo_core::image::{BLANK, Invalid, OLDEST_SCHEMA, WORD_BYTES, Word};
 use servo_core::parameters::{Parameter, Settings, TABLE};
 use servo_core::store::{Opened, Slot, Store};
@@ -17,13 +18,14 @@ fn flash(slot: Slot, index: u32) -> Option<Word> {
 }
 
 #[test]
-fn parameters_of_the_schema_before_keep_their_values_and_new_ones_have_their_defaults() {
+fn parameters_of_the_schema_before_keep_their_values_and_new_ones_change_nothing() {
     let Opened { store, settings, settle } = Store::open(flash);
     let newest = store.newest().unwrap();
     assert_eq!((newest.slot, newest.sequence, newest.schema), (Slot::B, 3, OLDEST_SCHEMA));
     assert_eq!(settle, [None; 4]);
 
-    let mut expected = Settings::default();
+    // Its drive was enabled with the offset that it had: that holds for the encoder that it has.
+    let mut expected = Settings { commutation_identity: 0.0, ..Settings::default() };
     for line in VALUES.lines() {
         let [id, name, value] = line.split(' ').collect::<Vec<_>>()[..] else { panic!("{line}") };
         let id = u16::from_str_radix(id.trim_start_matches("0x"), 16).unwrap();
@@ -36,6 +38,8 @@ fn parameters_of_the_schema_before_keep_their_values_and_new_ones_have_their_def
         assert_eq!(row.get(&settings), row.get(&expected), "{}", row.name);
     }
     assert_ne!(settings, Settings::default());
+    assert!(Config::new(&settings).unwrap().commutation_stored, "enabled as before");
+    assert!(!Config::new(&Settings::default()).unwrap().commutation_stored, "unlike a new one");
 }
 
 #[test]

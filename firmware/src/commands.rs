@@ -13,6 +13,7 @@ use servo_core::capture::{Complete, Progress};
 use servo_core::cascade::{CascadeGains, ParallelGains};
 use servo_core::config::{Compensator, Config};
 use servo_core::drive::{Command, Commutation};
+use servo_core::encoder::sincos::Correction;
 use servo_core::measure;
 use servo_core::parameters::{Access, Parameter, Settings, TABLE};
 use servo_core::position::Position;
@@ -165,6 +166,8 @@ impl Commands {
             Request::Gains(gains) => self.set_gains(gains).await,
             Request::SetParameters(values) => self.set_parameters(&values).await,
             Request::Align => self.commander.execute(Command::Align).await,
+            Request::CollectSignals => self.commander.execute(Command::CollectSignals).await,
+            Request::CorrectSignals => self.correct_signals().await,
             Request::Capture(order) => self.commander.capture(order).await,
             Request::Restart => self.keep_torque_off().await,
             Request::Stream(order) => self.stream(id, order),
@@ -184,6 +187,7 @@ impl Commands {
             bad_requests: self.latest.unreadable_frames.get(),
             lost_records: snapshot.records_dropped,
             lost_blocks: self.latest.lost_blocks.get(),
+            subdivisional_error_m: snapshot.subdivisional_error_m,
             ..Status::of(&snapshot.record, snapshot.counters, snapshot.capture)
         }
     }
@@ -261,6 +265,19 @@ impl Commands {
             self.settings = self.settings.with_commutation_zero(zero);
         }
         self.commutation = commutation;
+    }
+
+    /// What fits the signals collected is a parameter in use from then on, to be saved like the others.
+    async fn correct_signals(&mut self) -> Answer {
+        if self.settings.encoder_kind < 0.5 {
+            return Err(Refusal::NoSignals);
+        }
+        let signals = self.commander.signals().await?.solve().map_err(Refusal::Signals)?;
+        let settings = self.settings.with_signals(&signals);
+        settings.validate()?;
+        let tick = self.commander.execute(Command::CorrectSignals(Correction::new(&signals))).await?;
+        self.settings = settings;
+        Ok(tick)
     }
 
     async fn choose(&mut self, compensator: Compensator) -> Answer {

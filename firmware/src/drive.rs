@@ -4,7 +4,7 @@
 //!            orders (3)                       records (127)     telemetry
 //! commands ─────────────▶ control interrupts ─────────────────▶ task
 //!   task   ◀─────────────   Axis             ─────────────────▶
-//!           answers (3)                       snapshots, copies of the drive (1)
+//!         answers (3), fits (1)               snapshots, copies of the drive (1)
 //! ```
 //! Every queue is lock-free with one producer and one consumer. The interrupts never wait: what does not fit is dropped
 //! and counted.
@@ -14,12 +14,13 @@ use core::cell::Cell;
 use defmt::{info, warn};
 use embassy_time::Timer;
 use heapless::spsc::{Consumer, Producer, Queue};
-use servo_board::Control;
+use servo_board::{Control, Encoder};
 use servo_core::axis::{Axis, ServoSample};
 use servo_core::black_box::{Entry, Recorder};
 use servo_core::capture;
 use servo_core::current::{Bridge, PhaseCodes};
 use servo_core::drive::{Command, Commutation, Counters, Drive};
+use servo_core::encoder::sincos::Fit;
 use servo_core::measure::Reading;
 use servo_core::record::TickRecord;
 use servo_core::refusal::Refusal;
@@ -64,6 +65,8 @@ pub enum Order {
     },
     /// For the capture, checked beforehand.
     Capture(capture::Order),
+    /// To hand over what has been collected of sine and cosine.
+    Signals,
 }
 
 /// The number of the tick that carried an order out, or why it did not.
@@ -87,6 +90,8 @@ pub struct Snapshot {
     pub records_dropped: u32,
     /// What is known of the motor's electrical zero.
     pub commutation: Commutation,
+    /// See [`Drive::subdivisional_error_m`].
+    pub subdivisional_error_m: Option<f32>,
 }
 
 /// The interrupts' side: the axis and its ends of the queues.
@@ -94,6 +99,7 @@ pub struct InInterrupts {
     axis: Axis,
     orders: Consumer<'static, Order>,
     answers: Producer<'static, Answer>,
+    fits: Producer<'static, Fit>,
     records: Producer<'static, TickRecord>,
     snapshots: Producer<'static, Snapshot>,
     records_dropped: u32,
@@ -118,6 +124,12 @@ impl Control for InInterrupts {
             Some(Order::Command { number, command }) => (*number, Some(command)),
             Some(Order::Capture(order)) => {
                 self.axis.arm_capture(*order);
+                (0, None)
+            }
+            Some(Order::Signals) => {
+                if let Some(fit) = self.axis.drive().signal_fit() {
+                    let _ = self.fits.enqueue(*fit);
+                }
                 (0, None)
             }
             None => (0, None),
@@ -154,9 +166,14 @@ impl Control for InInterrupts {
                 excitation: drive.measured(),
                 records_dropped: self.records_dropped,
                 commutation: drive.commutation(),
+                subdivisional_error_m: drive.subdivisional_error_m().map(|error_m| error_m as f32),
             });
         }
         output.bridge
+    }
+
+    fn encoder(&self) -> Encoder {
+        if self.axis.drive().config().sin_cos.is_some() { Encoder::SinCos } else { Encoder::BissC }
     }
 }
 
@@ -174,6 +191,7 @@ pub struct Reports {
 pub struct Commander {
     orders: Producer<'static, Order>,
     answers: Consumer<'static, Answer>,
+    fits: Consumer<'static, Fit>,
     /// Commands given so far.
     commands: u32,
 }
@@ -198,6 +216,16 @@ impl Commander {
     /// What [`capture::Order::check`] refuses, or [`Refusal::Busy`].
     pub async fn capture(&mut self, order: capture::Order) -> Answer {
         self.order(Order::Capture(order.check(servo_board::capture::WORDS as u32)?)).await
+    }
+
+    /// Sine and cosine as collected so far; nothing was if nobody asked for it.
+    ///
+    /// # Errors
+    /// [`Refusal::Busy`].
+    pub async fn signals(&mut self) -> Result<Fit, Refusal> {
+        while self.fits.dequeue().is_some() {}
+        self.order(Order::Signals).await?;
+        Ok(self.fits.dequeue().unwrap_or_default())
     }
 
     async fn order(&mut self, order: Order) -> Answer {
@@ -234,12 +262,14 @@ pub struct Latest {
 pub fn split(axis: Axis, firmware: [u16; 3]) -> (&'static mut InInterrupts, Commander, Reports) {
     static ORDERS: ConstStaticCell<Queue<Order, 4>> = ConstStaticCell::new(Queue::new());
     static ANSWERS: ConstStaticCell<Queue<Answer, 4>> = ConstStaticCell::new(Queue::new());
+    static FITS: ConstStaticCell<Queue<Fit, 2>> = ConstStaticCell::new(Queue::new());
     static RECORDS_QUEUE: ConstStaticCell<Queue<TickRecord, RECORDS>> = ConstStaticCell::new(Queue::new());
     static SNAPSHOTS: ConstStaticCell<Queue<Snapshot, 2>> = ConstStaticCell::new(Queue::new());
     static COPIES: ConstStaticCell<Queue<Drive, 2>> = ConstStaticCell::new(Queue::new());
     static IN_INTERRUPTS: StaticCell<InInterrupts> = StaticCell::new();
     let (orders_in, orders_out) = ORDERS.take().split();
     let (answers_in, answers_out) = ANSWERS.take().split();
+    let (fits_in, fits_out) = FITS.take().split();
     let (records_in, records_out) = RECORDS_QUEUE.take().split();
     let (snapshots_in, snapshots_out) = SNAPSHOTS.take().split();
     let (copies_in, copies_out) = COPIES.take().split();
@@ -257,12 +287,13 @@ pub fn split(axis: Axis, firmware: [u16; 3]) -> (&'static mut InInterrupts, Comm
         axis,
         orders: orders_out,
         answers: answers_in,
+        fits: fits_in,
         records: records_in,
         snapshots: snapshots_in,
         records_dropped: 0,
         recorder,
         copies: copies_in,
     });
-    let commander = Commander { orders: orders_in, answers: answers_out, commands: 0 };
+    let commander = Commander { orders: orders_in, answers: answers_out, fits: fits_out, commands: 0 };
     (in_interrupts, commander, Reports { records: records_out, snapshots: snapshots_out, copies: copies_out })
 }

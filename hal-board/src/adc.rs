@@ -1,9 +1,9 @@
-//! The three converters: ADC1 and ADC2 for the phase currents, ADC3 for bus voltage and temperature. 16 bits, started by
-//! software.
+//! The three converters: ADC1 and ADC2 for the phase currents and for an encoder's sine and cosine, ADC3 for bus voltage and
+//! temperature. 16 bits, started by software.
 //!
-//! Both phase converters are started back to back at the middle of the low-side on-time and sample for 0.53 µs; the
-//! end of the second one interrupts 1.06 µs after the start. Nothing polls. ADC3 is started once per servo period and
-//! read at the next one.
+//! ADC1 and ADC2 are started back to back, for the phases at the middle of the low-side on-time, and sample for 0.53 µs; the
+//! end of the second one interrupts 1.06 µs after the start. Nothing polls. In a servo period sine and cosine, if they are asked
+//! for, are converted behind the phases in the same way. ADC3 is started once per servo period and read at the next one.
 
 use embassy_stm32::pac::adc::Adc;
 use embassy_stm32::pac::adc::regs::Cr;
@@ -13,6 +13,7 @@ use embassy_stm32::pac::{ADC1, ADC2, ADC3, ADC3_COMMON, ADC12_COMMON};
 use embassy_stm32::{peripherals, rcc};
 
 use servo_core::current::PhaseCodes;
+use servo_core::encoder::sincos;
 
 use crate::clocks::CORE_HZ;
 
@@ -20,6 +21,10 @@ use crate::clocks::CORE_HZ;
 const PHASE_A_CHANNEL: u8 = 10;
 /// Phase B on ADC2: PA3.
 const PHASE_B_CHANNEL: u8 = 15;
+/// Sine on ADC1: PB1.
+const SINE_CHANNEL: u8 = 5;
+/// Cosine on ADC2: PA4.
+const COSINE_CHANNEL: u8 = 18;
 /// Bus voltage on ADC3: PF10.
 const BUS_CHANNEL: u8 = 6;
 /// Temperature on ADC3: PF4.
@@ -74,6 +79,8 @@ pub fn configure() {
         select(adc, channel);
         preselect(adc, channel, sample_time);
     }
+    preselect(ADC1, SINE_CHANNEL, SampleTime::CYCLES8_5);
+    preselect(ADC2, COSINE_CHANNEL, SampleTime::CYCLES8_5);
     preselect(ADC3, TEMPERATURE_CHANNEL, SampleTime::CYCLES64_5);
     ADC2.ier().write(|w| w.set_eocie(true));
 }
@@ -90,9 +97,14 @@ fn select(adc: Adc, channel: u8) {
     adc.sqr1().write(|w| w.set_sq(0, channel));
 }
 
-/// Starts both phase-current conversions.
+/// Starts both phase-current conversions. While others still run it does nothing.
 #[inline(always)]
 pub fn start_phases() {
+    start();
+}
+
+#[inline(always)]
+fn start() {
     ADC1.cr().write_value(START);
     ADC2.cr().write_value(START);
 }
@@ -101,6 +113,23 @@ pub fn start_phases() {
 #[inline(always)]
 pub fn read_phases() -> PhaseCodes {
     PhaseCodes { a: ADC1.dr().read().rdata(), b: ADC2.dr().read().rdata() }
+}
+
+/// Starts the conversions of sine and cosine, once those of the phases have ended.
+#[inline(always)]
+pub fn start_signals() {
+    select(ADC1, SINE_CHANNEL);
+    select(ADC2, COSINE_CHANNEL);
+    start();
+}
+
+/// The converted sine and cosine, with the `edges` that belong to them; the phases come next.
+#[inline(always)]
+pub fn read_signals(edges: u16) -> sincos::Sample {
+    let sample = sincos::Sample { sin: ADC1.dr().read().rdata(), cos: ADC2.dr().read().rdata(), edges };
+    select(ADC1, PHASE_A_CHANNEL);
+    select(ADC2, PHASE_B_CHANNEL);
+    sample
 }
 
 /// Bus voltage and temperature, taken in turns by one converter.

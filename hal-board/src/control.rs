@@ -6,8 +6,13 @@
 //! t0 + 6.6 µs encoder frame ends: servo tick, then the current loop with its new set-point, compares written
 //! t0 + 25 µs  underflow: compares become active; next update
 //! ```
+//! With sine and cosine in place of frames, on a servo period:
+//! ```text
+//! t0 + 1.2 µs phase conversions end: start those of sine and cosine, read the counter of their edges
+//! t0 + 2.4 µs conversions end: servo tick, then the current loop, compares written
+//! ```
 //! Nothing waits for anything. A frame that has not ended by the next update is given up and the tick runs a period
-//! late with `u64::MAX` as its frame; conversions that have not ended are reported as full-scale codes, which any over-current
+//! late with `u64::MAX` as its frame; conversions that have not ended are reported as full-scale phase codes, which any over-current
 //! limit answers by switching off.
 
 use core::cell::UnsafeCell;
@@ -24,6 +29,7 @@ use crate::clocks::cycles;
 use crate::encoder::{self, MISSING_FRAME};
 use crate::priorities::{self, PriorityFault};
 use crate::pwm;
+use crate::quadrature;
 use crate::watchdog::Watchdog;
 
 /// What a converter reports that did not deliver.
@@ -33,8 +39,19 @@ const MISSING_PHASES: PhaseCodes = PhaseCodes { a: u16::MAX, b: u16::MAX };
 pub trait Control: Send {
     /// A PWM period that is not a servo period.
     fn on_period(&mut self, phases: PhaseCodes) -> Bridge;
-    /// Every fifth period, when the encoder frame has ended.
+    /// Every fifth period, when the encoder has been read.
     fn on_servo(&mut self, sample: &ServoSample) -> Bridge;
+    /// What the next servo period is to read.
+    fn encoder(&self) -> Encoder;
+}
+
+/// Kinds of encoder that the board has inputs for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Encoder {
+    /// Frames on SPI1.
+    BissC,
+    /// Sine and cosine on ADC1 and ADC2, edges on TIM4.
+    SinCos,
 }
 
 /// Why the drive was not started.
@@ -81,7 +98,8 @@ struct Loop {
     /// PWM periods since the last servo period, `0..PERIODS_PER_TICK`.
     period: u32,
     converting: bool,
-    frame: Frame,
+    encoder: Encoder,
+    reading: Reading,
     bridge_enabled: bool,
     slow: SlowInputs,
     sample: ServoSample,
@@ -92,21 +110,32 @@ struct Loop {
     ended_by: u32,
 }
 
-/// Where the encoder frame of the current servo period is.
+/// How far the reading of the encoder in the current servo period is.
 #[derive(PartialEq, Eq)]
-enum Frame {
+enum Reading {
+    /// Done, or none in this period.
     None,
-    OnTheWire,
-    Late,
+    /// A frame is on the wire.
+    Frame,
+    /// A frame was given up.
+    LateFrame,
+    /// Sine and cosine are to be converted once the phases have been.
+    BehindPhases,
+    /// Sine and cosine are being converted.
+    Signals {
+        /// Edges when that began.
+        edges: u16,
+    },
 }
 
 impl Loop {
     fn new(control: &'static mut dyn Control, ended_by: u32) -> Self {
         Loop {
+            encoder: control.encoder(),
             control,
             period: PERIODS_PER_TICK - 1,
             converting: false,
-            frame: Frame::None,
+            reading: Reading::None,
             bridge_enabled: false,
             slow: SlowInputs::new(),
             sample: ServoSample {
@@ -133,35 +162,46 @@ impl Loop {
             self.apply(bridge);
         }
         self.converting = true;
-        if self.frame == Frame::OnTheWire {
+        if self.reading == Reading::Frame {
             encoder::abort_frame();
-            self.frame = Frame::Late;
+            self.reading = Reading::LateFrame;
         }
         self.period += 1;
         if self.period == PERIODS_PER_TICK {
             self.period = 0;
-            encoder::start_frame();
-            self.frame = Frame::OnTheWire;
+            self.reading = match self.encoder {
+                Encoder::BissC => {
+                    encoder::start_frame();
+                    Reading::Frame
+                }
+                Encoder::SinCos => Reading::BehindPhases,
+            };
             self.servo_began_cycles = cycles().wrapping_sub(pwm::cycles_since_update());
             (self.sample.bus_code, self.sample.temperature_code) = self.slow.exchange();
         }
     }
 
-    /// Phase currents converted.
+    /// ADC1 and ADC2 have converted: phase currents, or sine and cosine.
     #[inline(always)]
-    fn on_phases(&mut self) {
-        let phases = adc::read_phases();
+    fn on_converted(&mut self) {
         self.converting = false;
-        match self.frame {
-            Frame::None => {
-                let bridge = self.control.on_period(phases);
+        match self.reading {
+            Reading::None => {
+                let bridge = self.control.on_period(adc::read_phases());
                 self.apply(bridge);
             }
-            Frame::OnTheWire => self.sample.phases = phases,
-            Frame::Late => {
-                self.sample.phases = phases;
+            Reading::Frame => self.sample.phases = adc::read_phases(),
+            Reading::LateFrame => {
+                self.sample.phases = adc::read_phases();
                 self.servo(MISSING_FRAME);
             }
+            Reading::BehindPhases => {
+                self.sample.phases = adc::read_phases();
+                adc::start_signals();
+                self.converting = true;
+                self.reading = Reading::Signals { edges: quadrature::edges() };
+            }
+            Reading::Signals { edges } => self.servo(adc::read_signals(edges).to_bits()),
         }
     }
 
@@ -170,14 +210,14 @@ impl Loop {
     fn on_frame(&mut self) {
         let frame = encoder::read_frame();
         // An interrupt still pending from a frame that was given up finds nothing to do.
-        if self.frame == Frame::OnTheWire {
+        if self.reading == Reading::Frame {
             self.servo(frame);
         }
     }
 
     #[inline(always)]
     fn servo(&mut self, frame: u64) {
-        self.frame = Frame::None;
+        self.reading = Reading::None;
         self.sample.frame = frame;
         let tripped = if pwm::take_break() { signals::BRIDGE_FAULT } else { 0 };
         let told = self.watchdog.tick() | core::mem::take(&mut self.ended_by);
@@ -185,6 +225,7 @@ impl Loop {
         let bridge = self.control.on_servo(&self.sample);
         self.apply(bridge);
         self.sample.last_tick_cycles = cycles().wrapping_sub(self.servo_began_cycles);
+        self.encoder = self.control.encoder();
     }
 
     /// Off takes effect at once, everything else at the next underflow. While off, the compares rest at one half.
@@ -235,7 +276,7 @@ fn TIM1_UP() {
 #[interrupt]
 fn ADC() {
     // SAFETY: a P0 interrupt.
-    unsafe { LOOP.get() }.on_phases();
+    unsafe { LOOP.get() }.on_converted();
 }
 
 #[interrupt]

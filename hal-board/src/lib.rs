@@ -1,4 +1,4 @@
-//! The board: NUCLEO-H743ZI2, a three-phase bridge and a BiSS-C encoder.
+//! The board: NUCLEO-H743ZI2, a three-phase bridge and an encoder, BiSS-C or sine and cosine.
 //!
 //! Everything that touches a register is here, and all of the project's unsafe code. What the drive *does* is in
 //! `servo-core`; this crate only moves codes in and compares out:
@@ -10,7 +10,7 @@
 //!
 //! # Contexts
 //! Three interrupts run at priority P0 and therefore never pre-empt one another: the timer update, the end of the
-//! phase-current conversions and the end of the encoder frame ([`control`]). Everything else is at P2 or lower, and
+//! conversions and the end of the encoder frame ([`control`]). Everything else is at P2 or lower, and
 //! critical sections mask P1 and below only (`critical.rs`): no library lock can delay the control loop.
 #![no_std]
 
@@ -28,10 +28,11 @@ mod memory;
 mod pins;
 pub mod priorities;
 mod pwm;
+mod quadrature;
 mod reset;
 pub mod watchdog;
 
-pub use control::{Control, PowerStage, StartFault};
+pub use control::{Control, Encoder, PowerStage, StartFault};
 pub use flash::{FlashFault, ParameterFlash};
 pub use link::{LinkReceiver, LinkSender};
 pub use memory::{program, stack_free_bytes};
@@ -79,8 +80,10 @@ pub fn init() -> Board {
         p.PE15.into(),
     );
     pins::encoder(p.PA5.into(), p.PA6.into());
-    pins::analog([p.PC0.into(), p.PA3.into(), p.PF10.into(), p.PF4.into()]);
+    pins::quadrature([p.PD12.into(), p.PD13.into()]);
+    pins::analog([p.PC0.into(), p.PA3.into(), p.PB1.into(), p.PA4.into(), p.PF10.into(), p.PF4.into()]);
     encoder::configure();
+    quadrature::configure();
     adc::configure();
 
     let link = link::open(p.USART3, p.PD9, p.PD8);

@@ -7,6 +7,8 @@ use embassy_stm32::gpio::{AfType, AnyPin, Flex, OutputType, Pull, Speed};
 const AF_TIM1: u8 = 1;
 /// SPI1 on port A.
 const AF_SPI1: u8 = 5;
+/// TIM4 on port D.
+const AF_TIM4: u8 = 2;
 
 /// Six gate signals (low and high side of phases A, B, C in this order) and the break input, active low. The pull-down
 /// makes an unplugged power stage a tripped one.
@@ -24,8 +26,15 @@ pub fn encoder(ma: Peri<'static, AnyPin>, slo: Peri<'static, AnyPin>) {
     alternate(slo, AF_SPI1, AfType::input(Pull::Up));
 }
 
+/// Comparators of an encoder's cosine and sine, in this order. The pull-downs keep the counter still with nothing connected.
+pub fn quadrature(comparators: [Peri<'static, AnyPin>; 2]) {
+    for comparator in comparators {
+        alternate(comparator, AF_TIM4, AfType::input(Pull::Down));
+    }
+}
+
 /// Analogue inputs.
-pub fn analog(inputs: [Peri<'static, AnyPin>; 4]) {
+pub fn analog(inputs: [Peri<'static, AnyPin>; 6]) {
     for input in inputs {
         let mut pin = Flex::new(input);
         pin.set_as_analog();

@@ -7,7 +7,7 @@
 use std::f64::consts::TAU;
 
 use servo_core::config::Config;
-use servo_core::current::DUTY_MARGIN;
+use servo_core::current::DUTY_SPAN;
 use servo_core::drive::{Command, Drive, Inputs, Outcome, Output};
 use servo_core::parameters::Settings;
 use servo_core::record::flags;
@@ -190,10 +190,12 @@ impl CurrentLoop {
         let variance_lsb2 = 4.0 / 3.0 * (stage.adc.noise_lsb_rms * stage.adc.noise_lsb_rms + 1.0 / 12.0);
         let omega = TAU * settings.current_bandwidth_hz;
         let half_decay = 0.5 * period_s * motor.resistance_ohm / motor.inductance_h;
+        // At the limit there is no room for dead-time compensation: the phase with the highest and that with the lowest voltage lose it.
+        let lost_duty = 2.0 * stage.amplifier.dead_time_s / period_s;
         CurrentLoop {
             proportional_v_per_a: settings.phase_inductance_h * omega,
             integral_v_per_a: settings.phase_resistance_ohm * omega * period_s,
-            least_limit_v: stage.amplifier.bus_v * (1.0 - 2.0 * f64::from(DUTY_MARGIN)) / libm::sqrt(3.0),
+            least_limit_v: stage.amplifier.bus_v * (f64::from(DUTY_SPAN) - lost_duty) / libm::sqrt(3.0),
             sextants_per_m: 6.0 / motor.magnet_pitch_m,
             commutation_offset_m: motor.commutation_offset_m,
             keep: (1.0 - half_decay) / (1.0 + half_decay),
@@ -264,7 +266,7 @@ mod tests {
     #[test]
     fn the_bridge_gives_two_thirds_of_its_voltage_towards_a_corner_and_less_towards_a_side() {
         let current = CurrentLoop::new(&Stage::default(), &Settings::default(), 1);
-        let usable_v = 48.0 * 0.96;
+        let usable_v = 48.0 * (0.90 - 2.0 * 0.02);
         for (position_m, share) in [(0.0, 1.0 / 3f64.sqrt()), (2.5e-3, 2.0 / 3.0), (5e-3, 1.0 / 3f64.sqrt())] {
             assert!((current.limit_v(position_m) / (usable_v * share) - 1.0).abs() < 1e-6, "{position_m} m");
         }
@@ -272,7 +274,8 @@ mod tests {
 
     #[test]
     fn with_the_bridge_off_no_force_is_left() {
-        let mut bench = FastBench::new(&Stage::default(), &Settings::default(), 1).unwrap();
+        let aligned = Settings { commutation_identity: 0.0, ..Settings::default() };
+        let mut bench = FastBench::new(&Stage::default(), &aligned, 1).unwrap();
         bench.enable().unwrap();
         bench.tick_disturbed(None, 1.0);
         assert!(bench.force_n().abs() > 1.0);

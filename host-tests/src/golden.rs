@@ -2,6 +2,8 @@
 
 use servo_core::axis::{Axis, ServoSample};
 use servo_core::config::Config;
+use servo_core::encoder::biss;
+use servo_core::position::Position;
 use servo_core::refusal::Refusal;
 use servo_qemu::digest::Digest;
 use servo_qemu::recording::{PERIODS_BETWEEN, Tick};
@@ -21,6 +23,10 @@ fn tamper(tick: u32, sample: &mut ServoSample, stuck: u64) {
         4_000 => sample.phases.a = u16::MAX,
         4_150 => sample.bus_code = 16_384, // 20 V
         4_310..4_500 => sample.frame = stuck,
+        _ if tick >= script::SIN_COS_TICK => {
+            let counts = biss::decode(sample.frame).map_or(0, |reading| reading.counts);
+            sample.frame = script::signals(Position(i64::from(counts))).to_bits();
+        }
         _ => {}
     }
 }
@@ -36,6 +42,9 @@ pub fn record() -> Result<(Vec<Tick>, Digest), Refusal> {
     let mut digest = Digest::default();
     let mut ticks: Vec<Tick> = Vec::with_capacity(script::TICKS as usize);
     for number in 0..script::TICKS {
+        if number == script::SIN_COS_TICK {
+            bench.axis = Axis::new(script::sin_cos_config()?);
+        }
         if number == script::CAPTURE_TICK {
             bench.axis.arm_capture(script::CAPTURE);
         }
@@ -68,6 +77,9 @@ pub fn replay(ticks: &[Tick]) -> Result<Digest, Refusal> {
     let mut axis = Axis::new(Config::new(&script::settings())?);
     let mut digest = Digest::default();
     for (number, tick) in (0..).zip(ticks) {
+        if number == script::SIN_COS_TICK {
+            axis = Axis::new(script::sin_cos_config()?);
+        }
         if number == script::CAPTURE_TICK {
             axis.arm_capture(script::CAPTURE);
         }

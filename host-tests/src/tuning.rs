@@ -67,8 +67,8 @@ pub fn conservative_friction(stage: &Stage) -> (f64, f64) {
     (stage.friction.stiffness_n_per_m * (4.0 / 8.66), stage.friction.coulomb_n * (0.6 / 0.64))
 }
 
-/// Settings for a stage: its motor, encoder and friction as they are, the position loop by `tuning`, NIASA ready (τ_d 10 ms) but
-/// off. Sine and cosine are calibrated on a move.
+/// Settings for a stage: its motor, encoder and friction as they are, the motor aligned, the position loop by `tuning`, NIASA ready
+/// (τ_d 10 ms) but off. Sine and cosine are calibrated on a move.
 ///
 /// # Errors
 /// A stage that the drive's parameters cannot describe.
@@ -113,6 +113,7 @@ pub fn uncalibrated(stage: &Stage, tuning: &Tuning) -> Result<Settings, Refusal>
         sincos_amplitude: amplitude.unwrap_or(defaults.sincos_amplitude),
         magnet_pitch_m: stage.motor.magnet_pitch_m,
         commutation_offset_m: stage.motor.commutation_offset_m,
+        commutation_identity: defaults.encoder_identity,
         force_constant_n_per_a: stage.motor.force_constant_n_per_a,
         phase_resistance_ohm: stage.motor.resistance_ohm,
         phase_inductance_h: stage.motor.inductance_h,
@@ -132,8 +133,14 @@ pub fn uncalibrated(stage: &Stage, tuning: &Tuning) -> Result<Settings, Refusal>
             / stage.mechanics.mass_kg
             / f64::from(SERVO_HZ * SERVO_HZ))
         .max(defaults.encoder_jump_m),
-        // Without noise, a stage at rest reads the same for ever.
-        encoder_frozen_ticks: if stage.encoder.noise_m_rms > 2.0 * stage.encoder.count_m { 80.0 } else { 0.0 },
+        // Without noise, what is at rest reads the same for ever.
+        encoder_frozen_ticks: if stage.encoder.noise_m_rms > 2.0 * stage.encoder.count_m
+            && stage.adc.noise_lsb_rms > 0.5
+        {
+            80.0
+        } else {
+            0.0
+        },
         position_gain_per_s: cascade.position_per_s,
         velocity_gain_n_s_per_m: cascade.velocity_n_s_per_m,
         velocity_integral_per_s: cascade.integral_per_s,

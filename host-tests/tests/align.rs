@@ -5,6 +5,7 @@ use std::thread;
 use servo_core::alignment::Reason;
 use servo_core::axis::ServoOutput;
 use servo_core::config::Config;
+use servo_core::current::{DUTY_MAX, DUTY_MIN};
 use servo_core::drive::{Command, Commutation};
 use servo_core::fault::Fault;
 use servo_core::parameters::Settings;
@@ -196,7 +197,9 @@ fn a_fault_during_an_alignment_turns_the_bridge_off_and_never_brakes() {
 #[test]
 fn an_offset_holds_for_the_encoder_that_it_was_found_with_and_no_other() {
     let known = tuning::settings(&Stage::default(), &tuning::STANDARD).unwrap();
+    let new = Settings::default();
     let cases = [
+        (new.encoder_identity, new.commutation_identity, Err(Refusal::NotAligned(None))),
         (0.0, 0.0, Ok(())),
         (4711.0, 4711.0, Ok(())),
         (4712.0, 4711.0, Err(Refusal::NotAligned(None))),
@@ -243,8 +246,8 @@ fn an_incremental_encoder_is_aligned_after_every_start_and_loses_it_with_its_pos
 fn the_duties_of_an_alignment_stay_within_their_limits() {
     let mut bench = bench(&stage(0.1));
     bench.command(Command::Align).unwrap();
-    let margin = (servo_core::current::DUTY_MARGIN * f32::from(PWM_TOP)) as u16;
+    let [least, most] = [DUTY_MIN, DUTY_MAX].map(|duty| (duty * f32::from(PWM_TOP)).round() as u16);
     bench.run(4 * SERVO_HZ, |output| {
-        assert!(output.bridge.compare.iter().all(|on| (margin..=PWM_TOP - margin).contains(on)), "{:?}", output.bridge);
+        assert!(output.bridge.compare.iter().all(|on| (least..=most).contains(on)), "{:?}", output.bridge);
     });
 }

@@ -10,7 +10,7 @@ use servo_host_tests::Bench;
 use servo_sim::Stage;
 
 fn bench() -> Bench {
-    Bench::new(&Stage::default(), &Settings::default(), 1).unwrap()
+    Bench::new(&Stage::default(), &Settings { commutation_identity: 0.0, ..Settings::default() }, 1).unwrap()
 }
 
 #[test]

@@ -46,6 +46,9 @@ fn the_run_passes_through_what_it_is_meant_to_cover() {
     let mut at_work = Vec::new();
     let (mut seen_flags, mut faults, mut refusals, mut captured) = (0, Vec::new(), 0, 0);
     for (number, tick) in (0..).zip(&ticks) {
+        if number == script::SIN_COS_TICK {
+            axis = Axis::new(script::sin_cos_config().unwrap());
+        }
         if number == script::CAPTURE_TICK {
             axis.arm_capture(script::CAPTURE);
         }
@@ -69,4 +72,5 @@ fn the_run_passes_through_what_it_is_meant_to_cover() {
     assert_eq!(seen_flags & all, all);
     assert_eq!(faults, [Fault::EncoderLost, Fault::OverCurrent, Fault::BusUnderVoltage, Fault::EncoderFrozen]);
     assert_eq!((refusals, captured), (6, script::CAPTURE.samples));
+    assert!(axis.drive().subdivisional_error_m().is_some(), "sine and cosine have taught nothing");
 }

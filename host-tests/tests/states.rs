@@ -153,6 +153,22 @@ fn quick_stop_does_what_its_option_says() {
     assert!(!bench.tick(Some(Command::Control(ControlWord(QUICK_STOP)))).bridge.enabled);
 }
 
+/// Transition 16 belongs to the options that hold the stage: with the others a quick stop runs to its end.
+#[test]
+fn a_master_that_takes_a_quick_stop_back_in_the_middle_does_not_enable_again_unless_the_option_holds() {
+    for (option, then, after) in [
+        (2.0, State::QuickStopActive, State::SwitchOnDisabled),
+        (6.0, State::OperationEnabled, State::OperationEnabled),
+    ] {
+        let mut bench = moving_with(&Settings { quick_stop_option: option, ..settings() });
+        write(&mut bench, QUICK_STOP);
+        bench.run(5, |_| ());
+        assert_eq!(write(&mut bench, ENABLE), then, "option {option}");
+        bench.run(400, |_| ());
+        assert_eq!(bench.axis.drive().state(), after, "option {option}");
+    }
+}
+
 #[test]
 fn disable_operation_brakes_first_if_told_so_and_disable_voltage_never() {
     for (option, most) in [(0.0, 1), (1.0, 195)] {

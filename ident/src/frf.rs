@@ -79,7 +79,7 @@ pub fn closed_loop(loop_transmission: &[Point]) -> Vec<Point> {
 }
 
 /// A closed loop as a mass on a spring and a damper.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SecondOrder {
     /// Natural frequency ω_n/2π, Hz.
     pub natural_hz: f64,

@@ -2,6 +2,7 @@
 
 use rand_pcg::Pcg64;
 use rand_pcg::rand_core::{Rng, SeedableRng};
+use serde::Serialize;
 
 use crate::linear::Normal;
 use crate::record::Record;
@@ -29,7 +30,7 @@ impl Default for Search {
 }
 
 /// What the algorithm found.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Organism {
     /// σ, N/m.
     pub sigma_n_per_m: f64,

@@ -1,6 +1,6 @@
 //! The length scale of pre-rolling friction, from the spacing of extremes in a step response.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::error::{DataError, within};
 use crate::filter;
@@ -13,7 +13,7 @@ pub const USUAL_FACTOR: f64 = 1.5;
 const TURN_NOISES: f64 = 8.0;
 
 /// An extreme of a step response.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Extreme {
     /// Time, s.
     pub time_s: f64,
@@ -24,70 +24,89 @@ pub struct Extreme {
 /// Where a linear loop stops to describe the settling.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct LengthScale {
-    /// Distance from the target of the extreme from which the stage takes too long to the next, m.
+    /// Distance from the target of the last extreme that came when the linear loop would have it, m.
     pub length_m: f64,
-    /// Distance of the extreme before, the last one that the next followed in time, m.
+    /// Distance of the extreme before, m: so far the settling was linear.
     pub linear_from_m: f64,
     /// Time between extremes of the linear loop, s.
     pub expected_s: f64,
-    /// Time to the first late extreme, s.
-    pub late_s: f64,
-    /// All extremes.
-    pub extremes: Vec<Extreme>,
+    /// Time to the first extreme that came too late or too early, s; if none follows, to the target or the end of the data.
+    pub leg_s: f64,
+    /// Whether none follows: the stage creeps to the target.
+    pub creeps: bool,
 }
 
-/// Finds the length scale in a step response: the first pair of extremes that are more than `factor` times `expected_s` (the
-/// linear loop's, [`crate::frf::SecondOrder::half_period_s`]) apart.
+/// The extremes of a step response, beginning with the first overshoot, and when it last comes within the noise of the target, s.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Swing {
+    /// Extremes.
+    pub extremes: Vec<Extreme>,
+    /// When the rest begins; the end of the data if there is none.
+    pub settled_s: f64,
+}
+
+impl Swing {
+    /// Of a position over time, around its target.
+    ///
+    /// # Errors
+    /// Data that are not what they should be.
+    pub fn of(time_s: &[f64], position_m: &[f64], target_m: f64) -> Result<Swing, DataError> {
+        let sample_s = check(time_s, &[("position_m", position_m)])?;
+        within("target", target_m, f64::MIN, f64::MAX)?;
+        let error_m: Vec<f64> = position_m.iter().map(|x| x - target_m).collect();
+        let smooth = filter::denoised(&error_m, sample_s);
+        let turn_m = TURN_NOISES * smooth.noise_rms;
+        let turns = legs(&smooth.signal, turn_m);
+        let extreme = |at: usize| Extreme { time_s: time_s[at], error_m: smooth.signal[at] };
+        let outside = smooth.signal.iter().rposition(|e| e.abs() > turn_m).unwrap_or(0);
+        Ok(Swing { extremes: turns.iter().skip(1).map(|leg| extreme(leg.from)).collect(), settled_s: time_s[outside] })
+    }
+}
+
+/// Finds the length scale in a swing: its first leg, from one extreme to the next or from the last one to the target, that takes `factor`
+/// times as long as the linear loop's `expected_s` ([`crate::frf::SecondOrder::half_period_s`]) or that many times shorter: friction holds
+/// the stage back, or throws it back.
 ///
 /// # Errors
-/// Data that are not what they should be; `factor` or `expected_s` out of range; [`DataError::Undetermined`] if extremes are missing
-/// or none is late.
+/// `factor` or `expected_s` out of range; [`DataError::Undetermined`] if the swing has no leg as the linear loop predicts it, or no other.
 ///
 /// # Source
 /// Section 5.3; its worked example is 8 ms expected, 23 ms from −637 nm to 115 nm: about 600 nm.
-pub fn find(
-    time_s: &[f64],
-    position_m: &[f64],
-    target_m: f64,
-    expected_s: f64,
-    factor: f64,
-) -> Result<LengthScale, DataError> {
-    let sample_s = check(time_s, &[("position_m", position_m)])?;
-    within("target", target_m, f64::MIN, f64::MAX)?;
-    within("expected", expected_s, 2.0 * sample_s, 1e3)?;
-    within("factor", factor, 1.05, 10.0)?;
-    let error_m: Vec<f64> = position_m.iter().map(|x| x - target_m).collect();
-    let smooth = filter::denoised(&error_m, sample_s);
-    let turns = legs(&smooth.signal, TURN_NOISES * smooth.noise_rms);
-    let extremes: Vec<Extreme> = turns
-        .iter()
-        .skip(1)
-        .map(|leg| Extreme { time_s: time_s[leg.from], error_m: smooth.signal[leg.from] })
-        .collect();
+pub fn find(swing: &Swing, expected_s: f64, factor: f64) -> Result<LengthScale, DataError> {
     let undetermined = |why: String| DataError::Undetermined { what: "length_m", why };
-    if extremes.len() < 3 {
-        return Err(undetermined(format!(
-            "{} extremes; 3 or more are needed, with a step that overshoots",
-            extremes.len()
-        )));
+    within("factor", factor, 1.05, 10.0)?;
+    if expected_s == f64::INFINITY {
+        return Err(undetermined("the linear loop does not swing".to_owned()));
     }
-    let late = (1..extremes.len()).find(|i| extremes[*i].time_s - extremes[i - 1].time_s > factor * expected_s);
-    let Some(late) = late else {
-        return Err(undetermined(format!(
-            "all {} extremes follow within {factor} times the linear loop's {expected_s} s",
-            extremes.len()
-        )));
+    within("expected", expected_s, 1e-6, 1e3)?;
+    let extremes = &swing.extremes;
+    let Some(last) = extremes.last() else {
+        return Err(undetermined("the step does not overshoot".to_owned()));
     };
-    if late == 1 {
-        return Err(undetermined(
-            "the second extreme is late already: the step is too small, or the linear loop is not that".to_owned(),
-        ));
+    let follows = extremes.windows(2).map(|pair| pair[1].time_s - pair[0].time_s);
+    let legs_s: Vec<f64> = follows.chain([swing.settled_s - last.time_s]).collect();
+    let (least_s, most_s) = (expected_s / factor, expected_s * factor);
+    // The last leg ends at the target, which may be near.
+    let deviates = |i: usize| legs_s[i] > most_s || (legs_s[i] < least_s && i + 1 < legs_s.len());
+    match (0..legs_s.len()).find(|i| deviates(*i)) {
+        None => Err(undetermined(format!(
+            "all {} legs take as long as those of the linear loop, {:.1} ms, up to a factor of {factor}",
+            legs_s.len(),
+            expected_s * 1e3
+        ))),
+        Some(0) => Err(undetermined(format!(
+            "the leg from the first extreme, {:.0} nm from the target, takes {:.1} ms already and the linear loop's {:.1} ms: friction \
+             rules from there on, or the step is too small",
+            extremes[0].error_m * 1e9,
+            legs_s[0] * 1e3,
+            expected_s * 1e3
+        ))),
+        Some(i) => Ok(LengthScale {
+            length_m: extremes[i].error_m.abs(),
+            linear_from_m: extremes[i - 1].error_m.abs(),
+            expected_s,
+            leg_s: legs_s[i],
+            creeps: i + 1 == extremes.len(),
+        }),
     }
-    Ok(LengthScale {
-        length_m: extremes[late - 1].error_m.abs(),
-        linear_from_m: extremes[late - 2].error_m.abs(),
-        expected_s,
-        late_s: extremes[late].time_s - extremes[late - 1].time_s,
-        extremes,
-    })
 }

@@ -106,6 +106,13 @@ pub fn loop_transmission(plant: &[Point], pid: &Pid, sample_s: f64) -> Vec<Point
     plant.iter().map(|p| Point { value: p.value * pid.at(p.frequency_hz, sample_s), ..*p }).collect()
 }
 
+/// The closed loop `L/(1 + L)` without the zeros of its controller: `k_P P/(1 + L)`, which has the same poles. Those of the derivative part
+/// would hide them from a fit of the second order (5.2), whose numerator is constant.
+pub fn closed_loop_without_zeros(loop_transmission: &[Point], pid: &Pid, sample_s: f64) -> Vec<Point> {
+    let closed = frf::closed_loop(loop_transmission).into_iter();
+    closed.map(|p| Point { value: p.value * pid.kp_n_per_m / pid.at(p.frequency_hz, sample_s), ..p }).collect()
+}
+
 /// Stability of a loop at one amplitude.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Stability {
@@ -212,6 +219,21 @@ mod tests {
                 assert!(gains.ki_n_per_m_s < gains.kp_n_per_m * gains.kp_n_per_m / (4.0 * gains.kd_n_s_per_m));
             }
         }
+    }
+
+    /// A mass with PD swings with ω_d = √(k_P/m − (k_D/2m)²).
+    #[test]
+    fn the_poles_of_the_closed_loop_are_those_of_its_swing() {
+        let plant = mass(1.8);
+        let gains = Pid { ki_n_per_m_s: 0.0, ..pid(&plant, &STANDARD, SAMPLE_S).unwrap() };
+        let transmission = loop_transmission(&plant, &gains, SAMPLE_S);
+        let fit = frf::second_order(&closed_loop_without_zeros(&transmission, &gains, SAMPLE_S)).unwrap();
+        let (stiffness, damping) = (gains.kp_n_per_m / 1.8, gains.kd_n_s_per_m / 3.6);
+        let half_period_s = PI / (stiffness - damping * damping).sqrt();
+        assert!((fit.half_period_s() / half_period_s - 1.0).abs() < 0.1, "{fit:?}, {half_period_s} s");
+        // The zero would make it a third too short.
+        let with_zero = frf::second_order(&frf::closed_loop(&transmission)).unwrap();
+        assert!(with_zero.half_period_s() < 0.8 * half_period_s, "{with_zero:?}");
     }
 
     #[test]

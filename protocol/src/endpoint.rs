@@ -68,6 +68,8 @@ endpoints! {
     22 Command Excite -> Done, "Play an excitation, in place of one under way.";
     23 Query Excitation -> Excitation, "What the last excitation has found.";
     24 Command Align -> Done, "Look for the motor's electrical zero; the bridge is off when it has ended.";
+    25 Command CollectSignals -> Done, "Collect sine and cosine from now on, while the stage moves.";
+    26 Command CorrectSignals -> Done, "Correct sine and cosine by what fits those collected.";
 }
 
 /// The name of a reply, as the table has it.

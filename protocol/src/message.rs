@@ -22,7 +22,7 @@ use servo_core::store::Current;
 use crate::stream::{self, Block};
 
 /// Number of this version of the messages.
-pub const PROTOCOL: u16 = 3;
+pub const PROTOCOL: u16 = 4;
 
 /// Words in one block of capture data.
 pub const BLOCK_WORDS: usize = 90;
@@ -102,6 +102,11 @@ pub enum Request {
     Excitation,
     /// Look for the motor's electrical zero; the bridge is off when it has ended. What is found becomes a parameter, what fails a fault.
     Align,
+    /// Collect sine and cosine from now on, while the stage moves; refused with another encoder.
+    CollectSignals,
+    /// Correct sine and cosine by the ellipse that fits what has been collected. What is found becomes a parameter; the position changes
+    /// by what the error was.
+    CorrectSignals,
 }
 
 /// What the drive answers.
@@ -171,6 +176,17 @@ pub struct Identity {
     pub serial: [u32; 3],
 }
 
+/// Serial number of a virtual board's chip. Where a real one has its production lot, seven ASCII characters, it says `VIRTUAL`.
+pub const VIRTUAL_SERIAL: [u32; 3] = [0, u32::from_le_bytes(*b"\0VIR"), u32::from_le_bytes(*b"TUAL")];
+
+impl Identity {
+    /// Whether the chip's lot is that of [`VIRTUAL_SERIAL`]: board, motor and stage are simulated, whatever line leads there.
+    pub fn is_virtual(&self) -> bool {
+        // The lowest byte is the number of the wafer.
+        [self.serial[1] & !0xff, self.serial[2]] == VIRTUAL_SERIAL[1..]
+    }
+}
+
 /// What is stored, and how the last save went.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ParameterStore {
@@ -230,10 +246,14 @@ pub struct Status {
     pub lost_records: u32,
     /// Blocks of streams that found the line busy.
     pub lost_blocks: u32,
+    /// Health of an encoder with sine and cosine: estimated sub-divisional error, peak, m, over the last motion; `None` before enough of
+    /// it, and with another encoder. See [`servo_core::encoder::sincos::Interpolator::error_periods`].
+    pub subdivisional_error_m: Option<f32>,
 }
 
 impl Status {
-    /// Of the tick of `record`, with what the drive counts besides; nothing lost on the way, which is the caller's to add.
+    /// Of the tick of `record`, with what the drive counts besides; nothing lost on the way and no health of the encoder, which are the
+    /// caller's to add.
     pub fn of(record: &TickRecord, counters: Counters, capture: Progress) -> Self {
         Status {
             tick: record.sequence,
@@ -249,6 +269,22 @@ impl Status {
             bad_requests: 0,
             lost_records: 0,
             lost_blocks: 0,
+            subdivisional_error_m: None,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_virtual_board_is_known_by_the_lot_of_its_chip() {
+        let of = |serial| Identity { protocol: 0, firmware: [0; 3], program: 0, board: String::new(), serial };
+        assert!(of(VIRTUAL_SERIAL).is_virtual());
+        assert!(of([0x0021_0017, VIRTUAL_SERIAL[1] | 0x19, VIRTUAL_SERIAL[2]]).is_virtual());
+        // Wafer 0x28, lot `3133511` of a chip on a NUCLEO, and no serial number at all.
+        let lot = [u32::from_le_bytes([0x28, b'3', b'1', b'3']), u32::from_le_bytes(*b"3511")];
+        assert!(!of([0x0021_0017, lot[0], lot[1]]).is_virtual() && !of([0; 3]).is_virtual());
     }
 }

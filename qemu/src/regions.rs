@@ -28,6 +28,10 @@ pub enum Class {
     On,
     /// The same with NIASA on a Maxwell-slip model: twelve elements a tick.
     Maxwell,
+    /// Nothing but control with an encoder of sine and cosine.
+    SinCos,
+    /// Anything else with such an encoder.
+    SinCosOther,
     /// A command was answered.
     Command,
     /// The bridge was turned on or off, the frame was bad or one shortly before was, or the drive brakes.
@@ -55,10 +59,13 @@ impl Before {
 impl Class {
     /// The class of a tick from the drive before it, what it gave, and the bridge after it.
     pub fn of(before: Before, config: &Config, record: &TickRecord, outcome: Option<Outcome>, is_on: bool) -> Class {
+        let steady = before.steady && record.flags & flags::FRAME_BAD == 0;
         match (before.on, is_on) {
+            (true, true) if config.sin_cos.is_some() && steady && outcome.is_none() => Class::SinCos,
+            _ if config.sin_cos.is_some() => Class::SinCosOther,
             _ if outcome.is_some() => Class::Command,
             (false, false) => Class::Off,
-            (true, true) if before.steady && record.flags & flags::FRAME_BAD == 0 => match config.compensator.kind {
+            (true, true) if steady => match config.compensator.kind {
                 Compensator::NiasaMaxwell => Class::Maxwell,
                 _ => Class::On,
             },
@@ -71,6 +78,8 @@ impl Class {
         match self {
             Class::On => class_on(),
             Class::Maxwell => class_maxwell(),
+            Class::SinCos => class_sincos(),
+            Class::SinCosOther => class_sincos_other(),
             Class::Command => class_command(),
             Class::Event => class_event(),
             Class::Off => class_off(),
@@ -88,6 +97,18 @@ pub fn class_on() {
 #[inline(never)]
 pub fn class_maxwell() {
     black_box(5);
+}
+
+/// See [`Class::SinCos`].
+#[inline(never)]
+pub fn class_sincos() {
+    black_box(6);
+}
+
+/// See [`Class::SinCosOther`].
+#[inline(never)]
+pub fn class_sincos_other() {
+    black_box(7);
 }
 
 /// See [`Class::Command`].

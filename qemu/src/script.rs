@@ -4,6 +4,8 @@
 use servo_core::capture::{Order, Trigger};
 use servo_core::config::{Compensator, Config};
 use servo_core::drive::Command;
+use servo_core::encoder::sincos;
+use servo_core::math;
 use servo_core::parameters::Settings;
 use servo_core::position::Position;
 use servo_core::profile::Limits;
@@ -11,7 +13,10 @@ use servo_core::record::Selection;
 use servo_core::refusal::Refusal;
 
 /// Servo ticks of the run.
-pub const TICKS: u32 = 5_000;
+pub const TICKS: u32 = 5_600;
+
+/// Before this tick the drive is switched off and on with another encoder, one with sine and cosine: [`sin_cos_config`], [`signals`].
+pub const SIN_COS_TICK: u32 = 4_830;
 
 /// In this tick, before its command, [`CAPTURE`] is ordered.
 pub const CAPTURE_TICK: u32 = 99;
@@ -33,9 +38,9 @@ pub const LIMITS: Limits = Limits { velocity_m_per_s: 0.5, acceleration_m_per_s2
 
 const HOME: Position = Position(0);
 
-/// Settings at the start: those of a new drive.
+/// Settings at the start: those of a new drive whose motor has been aligned.
 pub fn settings() -> Settings {
-    Settings::default()
+    Settings { commutation_identity: 0.0, ..Settings::default() }
 }
 
 /// The command of a tick, if there is one.
@@ -84,8 +89,28 @@ pub fn command(tick: u32) -> Result<Option<Command>, Refusal> {
         }
         4_620..4_790 if tick % 20 == 1 => go(Position(if tick % 40 == 1 { 16_340_000 } else { 16_356_384 }), 0.5, 10.0),
         4_800 => Command::Disable,
+        4_840 => Command::Enable,
+        4_860 => go(Position(819_200), 0.97e-3, 10.0), // 50 µm in 52 ms: all of the signal period, a dozen times
+        5_400 => go(HOME, 0.5, 10.0),
         _ => return Ok(None),
     }))
+}
+
+/// What the drive is started with at [`SIN_COS_TICK`]: as if it had been aligned since.
+///
+/// # Errors
+/// Settings that the drive refuses.
+pub fn sin_cos_config() -> Result<Config, Refusal> {
+    let settings = Settings { encoder_kind: 1.0, compensator: 1.0, feedforward_mass_kg: 1.8, ..settings() };
+    Ok(Config { commutation_stored: true, ..Config::new(&settings)? })
+}
+
+/// What an encoder with sine and cosine tells at a position: a little out of true, so that the drive has something to learn.
+pub fn signals(position: Position) -> sincos::Sample {
+    let turns = (position.0 & 0xffff) as f32 / sincos::PERIOD_CT as f32;
+    let (sin, cos) = math::sin_cos_turns(turns);
+    let code = |share: f32| (32_768.0 + 24_576.0 * share) as u16;
+    sincos::Sample { sin: code(1.01 * sin - 0.01), cos: code(cos + 0.01), edges: (position.0 >> 14) as u16 }
 }
 
 fn go(target: Position, velocity_m_per_s: f32, acceleration_m_per_s2: f32) -> Command {

@@ -1,5 +1,6 @@
 //! Measured columns as text: comma-separated values with the names of the columns above them.
 
+use servo_ident::move_check::{self, MoveFit};
 use servo_ident::{DataError, Record};
 
 /// Columns of a file, with the lines they stand in.
@@ -61,6 +62,9 @@ pub enum CsvError {
     /// Mass and force constant go with a current.
     #[error("column current_a needs --mass and --force-constant: the friction force is K_t i - m a")]
     NoMass,
+    /// A move is a matter of current.
+    #[error("no column current_a: a move shows its mass by the current that it takes")]
+    NoCurrent,
     /// Mass and force constant without a current.
     #[error("--mass and --force-constant go with a column current_a; force_n is the friction force itself")]
     MassWithForce,
@@ -139,10 +143,24 @@ impl Columns {
             }
             (None, ..) => return Err(CsvError::NoMass),
         };
-        record.map_err(|error| match error.sample().and_then(|sample| self.lines.get(sample)) {
+        record.map_err(|error| self.at_line(error))
+    }
+
+    /// Mass and friction of moves in the columns, with `current_a`.
+    ///
+    /// # Errors
+    /// As for [`Columns::friction`].
+    pub fn moves(&self, force_constant_n_per_a: f64) -> Result<MoveFit, CsvError> {
+        let of = |name| self.column(name).unwrap_or(&[]);
+        let current_a = self.column(CURRENT).ok_or(CsvError::NoCurrent)?;
+        move_check::fit(of(TIME), of(POSITION), current_a, force_constant_n_per_a).map_err(|error| self.at_line(error))
+    }
+
+    fn at_line(&self, error: DataError) -> CsvError {
+        match error.sample().and_then(|sample| self.lines.get(sample)) {
             Some(&line) => CsvError::At { line, error },
             None => CsvError::Data(error),
-        })
+        }
     }
 }
 

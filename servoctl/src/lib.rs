@@ -10,8 +10,8 @@
 //! - [`csv`]: measured columns from a file
 //! - [`thesis`]: the thesis beside the simulation: every number, figure and table, with a verdict
 //! - [`commission`]: from an unknown stage to a tuned axis, step by step
-//! - [`scope`]: the live scope page
 //! - [`link`]: a drive at the other end of a line
+//! - [`program`]: which firmware an ELF is
 //! - [`scope`]: the page that shows a drive live
 //! - [`cli`]: the command line, a module per sub-command
 
@@ -21,6 +21,7 @@ pub mod csv;
 pub mod demo_report;
 pub mod link;
 pub mod plot;
+pub mod program;
 pub mod report;
 pub mod reproduce;
 pub mod scope;

@@ -1,5 +1,7 @@
-//! The client against the protocol's own server over a line that loses, flips and delays: each command once, or reported.
+//! The client against the protocol's own server over a line that loses, flips and delays: each command once, or reported. The same against the
+//! firmware's ELF: `virtual-board/tests/link_faults.rs`.
 
+use std::collections::BTreeMap;
 use std::io::{self, ErrorKind};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
@@ -7,14 +9,22 @@ use std::time::{Duration, Instant};
 use proptest::prelude::*;
 use rand_pcg::Pcg64;
 use rand_pcg::rand_core::{Rng, SeedableRng};
+use servo_core::capture::{self, Trigger};
+use servo_core::cascade::ParallelGains;
+use servo_core::compensator::Compensator;
+use servo_core::measure::{self, Node, Shape};
+use servo_core::profile::Limits;
+use servo_core::record::Selection;
 use servo_core::refusal::Refusal;
+use servo_protocol::endpoint::{self, ENDPOINTS, Kind};
 use servo_protocol::frame::{MAX_FRAME, encode};
 use servo_protocol::message::{Identity, PROTOCOL, Reply, Request};
 use servo_protocol::server::{Incoming, Server};
+use servo_protocol::stream;
 use servoctl::link::{Client, Drive, Error, Patience, Port};
 
-/// What the drive has carried out: the values that commands set, in their order.
-type Done = Arc<Mutex<Vec<f64>>>;
+/// What the drive has carried out, in its order: numbers of the requests, and what they were.
+type Done = Arc<Mutex<Vec<(u32, Request)>>>;
 
 /// What a line does to bytes.
 #[derive(Clone, Copy)]
@@ -74,19 +84,17 @@ impl Line {
         left
     }
 
-    fn carry_out(&self, request: &Request) -> Reply {
+    fn carry_out(&self, id: u32, request: &Request) -> Reply {
         match request {
             Request::Identity => Reply::Identity(self.identity.clone()),
-            Request::SetParameters(values) => {
-                let (_, value) = values[0];
-                if value < 0.0 {
-                    return Reply::Refused(Refusal::Moving);
-                }
+            Request::GetParameter(id) => Reply::Parameter { id: *id, value: f64::from(*id) },
+            Request::Move { target_ct, .. } if *target_ct < 0 => Reply::Refused(Refusal::Moving),
+            command => {
+                assert_eq!(endpoint::of(command).kind, Kind::Command, "{command:?} is not in this script");
                 let mut done = self.done.lock().unwrap();
-                done.push(value);
+                done.push((id, command.clone()));
                 Reply::Done { tick: done.len() as u32 }
             }
-            other => panic!("{other:?} is not in this script"),
         }
     }
 
@@ -107,7 +115,7 @@ impl Port for Line {
                 None => continue,
                 Some(Incoming::Repeated { id, reply }) => (id, reply),
                 Some(Incoming::Fresh { id, request }) => {
-                    let reply = self.carry_out(&request);
+                    let reply = self.carry_out(id, &request);
                     self.server.answered(id, &reply);
                     (id, reply)
                 }
@@ -139,39 +147,127 @@ impl Port for Line {
     }
 }
 
-fn set(value: f64) -> Request {
-    Request::SetParameters([(0x0504, value)].into_iter().collect())
+/// Number of the first request: few before it begins anew.
+const FIRST_ID: u32 = 0xffff_fff0;
+
+/// A command of every kind that is sent again when it is lost; `Restart` is not.
+fn any_command(random: &mut Pcg64) -> Request {
+    let mut number = |below: u64| random.next_u64() % below;
+    let limits = Limits { velocity_m_per_s: 0.1, acceleration_m_per_s2: 1.0, jerk_m_per_s3: None };
+    match number(17) {
+        0 => Request::Enable,
+        1 => Request::Disable,
+        2 => Request::ResetFault,
+        3 => Request::Move { target_ct: number(1 << 40) as i64, limits },
+        // Refused.
+        4 => Request::Move { target_ct: -1 - number(1 << 40) as i64, limits },
+        5 => Request::Stop,
+        6 => Request::Compensator(Compensator::ALL[number(3) as usize]),
+        7 => {
+            let [kp_n_per_m, ki_n_per_m_s, kd_n_s_per_m] = [(); 3].map(|()| number(1000) as f64);
+            Request::Gains(ParallelGains { kp_n_per_m, ki_n_per_m_s, kd_n_s_per_m })
+        }
+        8 => Request::SetParameters((0..1 + number(3)).map(|id| (id as u16, id as f64)).collect()),
+        9 => {
+            let (words, samples) = (Selection(number(256) as u32), number(10_000) as u32);
+            Request::Capture(capture::Order { words, samples, before: 0, every_ticks: 1, trigger: Trigger::Now })
+        }
+        10 => Request::SaveParameters,
+        11 => Request::LoadParameters,
+        12 => Request::ResetParameters,
+        13 => Request::Stream(stream::Order { words: Selection(number(256) as u32), every_ticks: 1 }),
+        14 => {
+            let shape = Shape::Pulse { amplitude: number(100) as f32, length_s: 0.1 };
+            Request::Excite(measure::Request {
+                shape,
+                node: Node::Force,
+                travel_m: 1e-3,
+                speed_m_per_s: 0.1,
+                current_a: 1.0,
+            })
+        }
+        15 => Request::Align,
+        _ => Request::GetParameter(number(1000) as u16),
+    }
 }
 
-/// Sends commands 0, 1, 2, … and returns those that were reported done and those whose fate is reported unknown.
-fn run_script(damage: Damage, seed: u64, commands: u32) -> (Vec<f64>, Vec<f64>, Vec<f64>) {
+/// What became of a script: requests by their places in it.
+struct Outcome {
+    script: Vec<Request>,
+    /// What the drive has carried out, in its order.
+    done: Vec<usize>,
+    /// What the host was told.
+    reported: Vec<usize>,
+    refused: Vec<usize>,
+    unknown: Vec<usize>,
+    answered: usize,
+}
+
+fn run_script(damage: Damage, seed: u64, requests: usize) -> Outcome {
     let (line, done) = Line::new(damage, seed);
-    let mut client = Client::new(Box::new(line), Patience::SERIAL, 0xffff_fff0);
-    let (mut reported, mut unknown) = (Vec::new(), Vec::new());
-    for value in (0..commands).map(f64::from) {
-        match client.request(&set(value)) {
-            Ok(Reply::Done { .. }) => reported.push(value),
-            Err(Error::NoReply { unknown: true, .. }) => unknown.push(value),
-            other => panic!("command {value}: {other:?}"),
+    let mut client = Client::new(Box::new(line), Patience::SERIAL, FIRST_ID);
+    let mut random = Pcg64::seed_from_u64(seed ^ 0x5c41_9700);
+    let script: Vec<Request> = (0..requests).map(|_| any_command(&mut random)).collect();
+    let (mut reported, mut refused, mut unknown, mut answered) = (Vec::new(), Vec::new(), Vec::new(), 0);
+    for (at, request) in script.iter().enumerate() {
+        match (request, client.request(request)) {
+            (Request::GetParameter(id), Ok(Reply::Parameter { id: of, value })) => {
+                assert!(*id == of && value == f64::from(of), "the answer to another request");
+                answered += 1;
+            }
+            (Request::GetParameter(_), Err(Error::NoReply { unknown: false, .. })) => answered += 1,
+            (_, Ok(Reply::Done { .. })) => reported.push(at),
+            (_, Ok(Reply::Refused(Refusal::Moving))) => refused.push(at),
+            (_, Err(Error::NoReply { unknown: true, .. })) => unknown.push(at),
+            other => panic!("request {at}: {other:?}"),
         }
     }
-    let done = done.lock().unwrap().clone();
-    (done, reported, unknown)
+    let done = done.lock().unwrap();
+    let done = done.iter().map(|(id, request)| {
+        let at = id.wrapping_sub(FIRST_ID) as usize;
+        assert_eq!(script.get(at), Some(request), "carried out, but never asked for");
+        at
+    });
+    let done = done.collect();
+    Outcome { script, done, reported, refused, unknown, answered }
+}
+
+impl Outcome {
+    /// Every command once, in its order, or reported.
+    fn check(&self) {
+        let Outcome { script, done, reported, refused, unknown, answered } = self;
+        assert_eq!(reported.len() + refused.len() + unknown.len() + answered, script.len());
+        assert!(done.windows(2).all(|pair| pair[0] < pair[1]), "none twice, none late");
+        assert!(reported.iter().all(|at| done.binary_search(at).is_ok()), "none said to be done that is not");
+        assert!(refused.iter().all(|at| done.binary_search(at).is_err()), "none said to be refused that is done");
+        let unsaid = done.iter().filter(|at| reported.binary_search(at).is_err());
+        assert!(unsaid.into_iter().all(|at| unknown.binary_search(at).is_ok()), "none done and not reported");
+    }
+
+    /// How many of the places in `some` hold each kind of command.
+    fn kinds(&self, some: &[usize]) -> BTreeMap<&'static str, usize> {
+        some.iter().fold(BTreeMap::new(), |mut kinds, at| {
+            *kinds.entry(endpoint::of(&self.script[*at]).request).or_default() += 1;
+            kinds
+        })
+    }
 }
 
 #[test]
-fn ten_thousand_commands_over_a_bad_line_are_each_carried_out_once_or_reported_as_failed() {
+fn ten_thousand_commands_of_every_kind_over_a_bad_line_are_each_carried_out_once_or_reported_as_failed() {
     for damage in [CLEAN, ONE_PERCENT_FLIPPED, ONE_PERCENT_DROPPED] {
-        let (done, reported, unknown) = run_script(damage, 7, 10_000);
-        assert_eq!(reported.len() + unknown.len(), 10_000);
-        // In their order and none twice.
-        assert!(done.windows(2).all(|pair| pair[0] < pair[1]));
-        assert!(reported.iter().all(|value| done.binary_search_by(|d| d.total_cmp(value)).is_ok()));
-        let extra = done.iter().filter(|value| !reported.contains(value));
-        assert!(extra.into_iter().all(|value| unknown.contains(value)));
+        let outcome = run_script(damage, 7, 10_700);
+        outcome.check();
+        assert!(outcome.script.len() - outcome.answered >= 10_000, "the rest are queries");
+        let (done, reported) = (outcome.kinds(&outcome.done), outcome.kinds(&outcome.reported));
+        for row in ENDPOINTS.iter().filter(|row| row.kind == Kind::Command && row.request != "Restart") {
+            let (done, reported) = (done[row.request], reported[row.request]);
+            assert!(reported > 400 && done >= reported && done < reported + 30, "{}: {reported} {done}", row.request);
+        }
         // The line is bad enough to test something, and good enough for six attempts.
-        println!("flipped {} ‰, dropped {} ‰: {} unknown", damage.flipped, damage.dropped, unknown.len());
-        assert!(unknown.len() < 100, "{} of 10,000 given up", unknown.len());
+        let unknown = outcome.unknown.len();
+        println!("flipped {} ‰, dropped {} ‰: {unknown} unknown", damage.flipped, damage.dropped);
+        assert!(unknown < 150, "{unknown} of 10,000 given up");
     }
 }
 
@@ -179,20 +275,21 @@ fn ten_thousand_commands_over_a_bad_line_are_each_carried_out_once_or_reported_a
 fn a_bad_line_is_counted() {
     let (line, _) = Line::new(ONE_PERCENT_FLIPPED, 3);
     let mut client = Client::new(Box::new(line), Patience::SERIAL, 1);
-    (0..500).for_each(|value| drop(client.request(&set(f64::from(value)))));
+    (0..500).for_each(|_| drop(client.request(&Request::Stop)));
     let losses = client.losses();
     assert!(losses.repeated > 50 && losses.unreadable > 20, "{losses:?}");
 }
 
 #[test]
-fn a_refused_command_is_refused_once_however_often_it_arrives() {
-    let (line, done) = Line::new(ONE_PERCENT_DROPPED, 5);
+fn a_restart_is_never_sent_again() {
+    // Half of the frames are lost.
+    let (line, done) = Line::new(Damage { flipped: 0, dropped: 50 }, 11);
     let mut client = Client::new(Box::new(line), Patience::SERIAL, 1);
-    for _ in 0..1000 {
-        let reply = client.request(&set(-1.0));
-        assert!(matches!(reply, Ok(Reply::Refused(Refusal::Moving)) | Err(Error::NoReply { .. })), "{reply:?}");
-    }
-    assert!(done.lock().unwrap().is_empty());
+    let replies: Vec<_> = (0..100).map(|_| client.request(&Request::Restart)).collect();
+    let lost = replies.iter().filter(|reply| matches!(reply, Err(Error::NoReply { attempts: 1, unknown: true, .. })));
+    assert!((20..90).contains(&lost.count()), "{replies:?}");
+    assert_eq!(client.losses().repeated, 0);
+    assert!(done.lock().unwrap().len() < 90);
 }
 
 #[test]
@@ -203,7 +300,7 @@ fn a_pulled_cable_is_reported_within_a_second() {
         line.pulled = Some((start, told));
         let port = Arc::new(Mutex::new(line));
         let mut client = Client::new(Box::new(Shared(port.clone())), Patience::SERIAL, 1);
-        let error = client.request(&set(1.0)).unwrap_err();
+        let error = client.request(&Request::Enable).unwrap_err();
         assert_eq!(matches!(error, Error::Broken(_)), told, "{error}");
         assert!(port.lock().unwrap().now - start < Duration::from_secs(1));
         let words = error.to_string();
@@ -250,9 +347,6 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(32))]
     #[test]
     fn no_command_is_ever_carried_out_twice(seed: u64, flipped in 0u64..60, dropped in 0u64..60) {
-        let (done, reported, unknown) = run_script(Damage { flipped, dropped }, seed, 200);
-        prop_assert!(done.windows(2).all(|pair| pair[0] < pair[1]), "{done:?}");
-        prop_assert!(reported.iter().all(|value| done.contains(value)));
-        prop_assert!(done.iter().all(|value| reported.contains(value) || unknown.contains(value)));
+        run_script(Damage { flipped, dropped }, seed, 200).check();
     }
 }

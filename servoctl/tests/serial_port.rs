@@ -5,7 +5,7 @@ use std::io::{Read, Write};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{self, JoinHandle};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use serialport::{SerialPort, TTYPort};
 use servo_protocol::frame::{MAX_FRAME, encode};
@@ -61,7 +61,7 @@ fn answer(id: u32) -> Vec<u8> {
 
 /// As patient as a computer may need that has other things to do.
 fn connect(device: &str) -> Result<Drive, Error> {
-    Drive::connect(Client::new(open(device)?, Patience::VIRTUAL, 1))
+    Drive::connect(Client::new(open(device)?, Patience::TCP, 1))
 }
 
 #[test]
@@ -80,11 +80,27 @@ fn a_second_client_is_told_that_another_one_has_the_port() {
 #[test]
 fn a_pulled_cable_breaks_the_link_at_once() {
     let far = Far::new();
-    let mut client = Client::new(open(&far.device).unwrap(), Patience::VIRTUAL, 1);
+    let mut client = Client::new(open(&far.device).unwrap(), Patience::TCP, 1);
     assert!(matches!(client.request(&Request::Identity), Ok(Reply::Identity(_))));
     far.pull();
     let error = client.request(&Request::Identity).unwrap_err();
     assert!(matches!(error, Error::Broken(_)), "{error}");
+}
+
+#[test]
+fn a_cable_pulled_while_an_answer_is_waited_for_breaks_the_link_at_once() {
+    let far = Far::new();
+    let mut client = Client::new(open(&far.device).unwrap(), Patience::TCP, 1);
+    let pulled = thread::spawn(move || {
+        thread::sleep(Duration::from_millis(100));
+        far.pull();
+        Instant::now()
+    });
+    // It is never answered.
+    let error = client.request(&Request::Status).unwrap_err();
+    let reported = pulled.join().unwrap().elapsed();
+    assert!(matches!(error, Error::Broken(_)), "{error}");
+    assert!(reported < Duration::from_millis(500), "{reported:?}");
 }
 
 #[test]

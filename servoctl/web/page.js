@@ -84,7 +84,7 @@ function showLink() {
   const { drive, trouble } = known.link;
   document.body.dataset.link = drive ? "up" : "down";
   at("link-trouble").hidden = !trouble;
-  at("link-trouble").querySelector("p").textContent = trouble ?? "";
+  at("link-trouble").querySelector("p").textContent = sentence(trouble);
   if (drive) {
     at("board").textContent = drive.board;
     at("firmware").textContent = `firmware ${drive.firmware}`;

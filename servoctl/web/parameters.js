@@ -38,7 +38,7 @@ function line(row, known, order) {
   form.querySelector(".doc").textContent = row.doc;
   form.querySelector(".unit").textContent = row.unit;
   const access = row.always ? "" : "; bridge off";
-  form.querySelector(".range").textContent = `${plain(row.min)} … ${plain(row.max)}${access}`;
+  form.querySelector(".range").textContent = `${plain(row.min)} … ${plain(row.max)}${access}`.replaceAll("-", "−");
   form.querySelector(".range").title = `default ${plain(row.default)}`;
   const commit = () => change(row, input, known, order);
   form.addEventListener("submit", (event) => {

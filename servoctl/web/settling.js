@@ -72,7 +72,7 @@ function statistics({ tolerances_nm, configs, reduction_percent }) {
     return `${fixed(config.mean_ms[t], 1)}${spread}${missing}`;
   };
   const both = configs.length > 1;
-  const head = ["within", ...configs.map((config) => `${config.name}, ms`), ...(both ? ["less"] : [])];
+  const head = ["within", ...configs.map((config) => `${config.name}, ms`), ...(both ? ["reduction"] : [])];
   const body = tolerances_nm.map((nm, t) => [
     `±${nm} nm`,
     ...configs.map((config) => cell(config, t)),
@@ -84,7 +84,7 @@ function statistics({ tolerances_nm, configs, reduction_percent }) {
 
 function single(tolerances_nm, last) {
   const shown = [0, 2, tolerances_nm.length - 1];
-  const head = ["move", "by", "with", ...shown.map((t) => `±${tolerances_nm[t]}, ms`), "past, nm", "rms, nm", "p-p, nm"];
+  const head = ["move", "by", "with", ...shown.map((t) => `±${tolerances_nm[t]}, ms`), "overshoot, nm", "rms, nm", "p-p, nm"];
   const body = last
     .slice(-SHOWN)
     .reverse()

@@ -172,7 +172,7 @@ function pair() {
 
 function drawSettling() {
   const [last, other] = pair();
-  if (!last) return;
+  if (!last) return drawNoSettling();
   const key = [last, other].map((capture) => capture?.number).join() + at("settling-scale").value;
   if (plots.settling.shown === key) return;
   plots.settling.shown = key;
@@ -190,6 +190,15 @@ function drawSettling() {
   at("settling").dataset.samples = String(last.error_nm.length);
   const caption = at("settling-caption");
   caption.replaceChildren(named(last, "c0"), ...(other ? [" ", named(other, "c1")] : []), " Dashed: ±3 nm.");
+}
+
+/// Before the first move: where its error will be drawn.
+function drawNoSettling() {
+  const [min, max] = around([], Number(at("settling-scale").value), 5);
+  plots.settling.batch(() => {
+    plots.settling.setScale("x", { min: -50, max: 500 });
+    plots.settling.setScale("y", { min, max });
+  });
 }
 
 function named(capture, mark) {

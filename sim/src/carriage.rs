@@ -158,6 +158,11 @@ impl Carriage {
         &self.stage
     }
 
+    /// From now on the supply has this voltage, V.
+    pub(crate) fn set_bus_v(&mut self, bus_v: f64) {
+        self.stage.amplifier.bus_v = bus_v;
+    }
+
     /// The seed of every stream.
     pub fn seed(&self) -> u64 {
         self.seed

@@ -86,6 +86,11 @@ impl Plant {
         self.motor.set_open_phase(phase);
     }
 
+    /// From now on the supply has this voltage, V: a surge or a sag.
+    pub fn set_bus_v(&mut self, bus_v: f64) {
+        self.carriage.set_bus_v(bus_v);
+    }
+
     /// From now on something pushes the carriage with this force, N.
     pub fn set_external_force_n(&mut self, external_n: f64) {
         self.carriage.set_external_force_n(external_n);

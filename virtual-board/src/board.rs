@@ -11,11 +11,13 @@ use rigless::mcu::{Mcu, Operate};
 use rigless::snapshot::store;
 use rigless::soc;
 use rigless::soc::stm32h743::Stm32h743;
+use rigless::soc::stm32h743::generated::adc3::Register as Adc;
+use rigless::soc::stm32h743::generated::gpioa::Register as Gpio;
 use rigless::soc::stm32h743::generated::iwdg::Register as Iwdg;
 use rigless::soc::stm32h743::generated::tim1::Register as Tim1;
-use rigless::soc::stm32h743::peripherals::adc::Channel;
+use rigless::soc::stm32h743::peripherals::adc;
 use rigless::soc::stm32h743::peripherals::rcc::TimerBus;
-use rigless::soc::stm32h743::peripherals::tim::{ADVANCED_TIMERS, BreakInput, BreakSource, Tim};
+use rigless::soc::stm32h743::peripherals::tim::{self, ADVANCED_TIMERS, BreakInput, BreakSource, TIMERS, Tim};
 use rigless::time::VirtualNanos;
 
 use crate::encoder::BissEncoder;
@@ -30,6 +32,11 @@ const SPI_ENCODER: usize = 0;
 const USART_LINK: usize = 2;
 /// TIM1 is the first advanced timer.
 const TIMER_BRIDGE: usize = 0;
+/// TIM4 is the third general-purpose timer.
+const TIMER_QUADRATURE: usize = 2;
+/// What the function registers of port D must say for PD12 and PD13 to be inputs of TIM4.
+const QUADRATURE_MODE: u64 = 0b1010 << 24;
+const QUADRATURE_FUNCTION: u64 = 0x22 << 16;
 
 /// The converters measure in codes, not volts: with `VREF+` set to 65535 units, an input of n units converts to code n at 16
 /// bits. The emulator takes whole millivolts, which would leave 11.7 of the 16 bits; only the ratio matters to it.
@@ -46,11 +53,15 @@ pub enum Analog {
     Bus,
     /// Temperature of the power stage, ADC3.
     Temperature,
+    /// Sine of the encoder, ADC1.
+    Sine,
+    /// Cosine of the encoder, ADC2.
+    Cosine,
 }
 
 impl Analog {
-    /// All four, in the order of [`Analog::index`].
-    pub const ALL: [Self; 4] = [Self::PhaseA, Self::PhaseB, Self::Bus, Self::Temperature];
+    /// All, in the order of [`Analog::index`].
+    pub const ALL: [Self; 6] = [Self::PhaseA, Self::PhaseB, Self::Bus, Self::Temperature, Self::Sine, Self::Cosine];
 
     /// Position in [`Analog::ALL`].
     #[must_use]
@@ -65,6 +76,8 @@ impl Analog {
             Self::PhaseB => (1, 15),
             Self::Bus => (2, 6),
             Self::Temperature => (2, 9),
+            Self::Sine => (0, 5),
+            Self::Cosine => (1, 18),
         }
     }
 }
@@ -100,9 +113,44 @@ impl Nucleo {
     /// Puts the 16-bit `code` on the pin of `signal`.
     pub fn set_analog(&mut self, signal: Analog, code: u16) {
         let (converter, channel) = signal.pin();
-        if let Some(channel) = Channel::new(channel) {
+        if let Some(channel) = adc::Channel::new(channel) {
             self.mcu.adc[converter].set_input(channel, u32::from(code));
         }
+    }
+
+    /// Whether ADC1 is about to convert `signal`, rather than another one.
+    pub fn converts(&self, signal: Analog) -> bool {
+        let selected = self.mcu.bus().registers("ADC1").map_or(0, |registers| registers.get(Adc::Sqr1) >> 6 & 0x1f);
+        signal.pin() == (0, selected as u8)
+    }
+
+    /// Turns the comparators of cosine and sine on PD12 and PD13 from one quarter of a period to another, edge by edge. Nothing
+    /// happens while the pins belong to something else than TIM4.
+    pub fn turn_quadrature(&mut self, from: i64, to: i64, at: VirtualNanos) {
+        let wired = self.mcu.bus().registers("GPIOD").is_some_and(|port| {
+            let (mode, function) = (port.get(Gpio::Moder), port.get(Gpio::Afrh));
+            mode & 0b1111 << 24 == QUADRATURE_MODE && function & 0xff << 16 == QUADRATURE_FUNCTION
+        });
+        let Ok(slot) = self.mcu.bus().slot("TIM4") else { return };
+        if !wired {
+            return;
+        }
+        let spare = Tim::new(TIMERS[TIMER_QUADRATURE]);
+        let mut timer = std::mem::replace(&mut self.mcu.tim[TIMER_QUADRATURE], spare);
+        let mut quarter = from;
+        loop {
+            // Quarters 0 to 3: cosine high, low, low, high; sine high, high, low, low.
+            let levels = [matches!(quarter.rem_euclid(4), 0 | 3), matches!(quarter.rem_euclid(4), 0 | 1)];
+            for (channel, high) in [1, 2].map(tim::Channel::new).into_iter().flatten().zip(levels) {
+                let (registers, mut context) = self.mcu.bus_mut().drive(at, slot);
+                timer.drive_input(channel, Level::from(high), registers, &mut context);
+            }
+            if quarter == to {
+                break;
+            }
+            quarter += (to - quarter).signum();
+        }
+        self.mcu.tim[TIMER_QUADRATURE] = timer;
     }
 
     /// The encoder on SPI1.

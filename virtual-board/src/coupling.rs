@@ -4,9 +4,9 @@
 //!
 //! | Event | What crosses |
 //! |---|---|
-//! | `ADSTART` of ADC1 or ADC2 | both phase currents, sampled here |
+//! | `ADSTART` of ADC1 or ADC2 | both phase currents, sampled here; or sine and cosine, and the edges since the last time |
 //! | `ADSTART` of ADC3 | bus voltage and temperature |
-//! | a word for SPI1 after a rest | its clock starts and the encoder latches its position |
+//! | a word for SPI1 after a rest | its clock starts and an encoder with frames latches its position |
 //! | TIM1 update event | the preloaded compares become the bridge's duty |
 //! | a write to TIM1's enables, or its break | bridge on or off, at once |
 //!
@@ -14,9 +14,12 @@
 
 use rigless::emulator::{Access, AccessKind, Stop, StopReason};
 use rigless::time::VirtualNanos;
+use servo_sim::encoder::sincos::Reading;
+use servo_sim::stage::encoder::Kind;
 use servo_sim::{BridgeState, Plant, adc};
 
 use crate::board::{Analog, Nucleo};
+use crate::encoder::IDLE_LINE;
 use crate::watchdog::Watchdog;
 
 const TIM1: u64 = 0x4001_0000;
@@ -34,6 +37,9 @@ const IWDG_KR: u64 = 0x5800_4800;
 /// ADC1 and ADC2 are started by two instructions; starts closer than this belong to one pair and share one sample.
 const SAME_SAMPLE_NS: u64 = 1_000;
 
+/// The code of half the converters' range.
+const MID_CODE: i32 = 32_768;
+
 /// A fault of an analogue signal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum AdcFault {
@@ -46,6 +52,23 @@ pub enum AdcFault {
     Frozen,
     /// The wire is off: the amplifier's pull-down holds the input at 0 V.
     Open,
+    /// What is left of the signal's swing about mid-range.
+    Faded {
+        /// Of what it should be.
+        percent: u8,
+    },
+}
+
+/// A fault of the comparators that count an encoder's quarter periods.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CounterFault {
+    /// Both comparators stay as they are.
+    Stopped,
+    /// Once, so many edges are seen that there were not.
+    Invented {
+        /// Up or down.
+        edges: i64,
+    },
 }
 
 /// The truth at one servo tick, at the instant the encoder latches.
@@ -125,8 +148,14 @@ pub struct Coupling {
     servo_since_ns: Option<u64>,
     watchdog: Watchdog,
     phases_ns: Option<u64>,
-    codes: [u16; 4],
-    faults: [Option<AdcFault>; 4],
+    signals_ns: Option<u64>,
+    codes: [u16; Analog::ALL.len()],
+    faults: [Option<AdcFault>; Analog::ALL.len()],
+    /// The quarter period that the comparators show; `None` before the first.
+    quarter: Option<i64>,
+    /// Edges seen that there were not.
+    invented: i64,
+    counter_stopped: bool,
     trace: Option<Vec<TruthSample>>,
     counts: Counts,
 }
@@ -144,8 +173,12 @@ impl Coupling {
             servo_since_ns: None,
             watchdog: Watchdog::default(),
             phases_ns: None,
-            codes: [0; 4],
-            faults: [None; 4],
+            signals_ns: None,
+            codes: [0; Analog::ALL.len()],
+            faults: [None; Analog::ALL.len()],
+            quarter: None,
+            invented: 0,
+            counter_stopped: false,
             trace: None,
             counts: Counts::default(),
         }
@@ -182,6 +215,14 @@ impl Coupling {
         self.faults[signal.index()] = fault;
     }
 
+    /// Breaks the comparators of sine and cosine from the next sample on or, with `None`, lets them count again.
+    pub fn set_counter_fault(&mut self, fault: Option<CounterFault>) {
+        self.counter_stopped = fault == Some(CounterFault::Stopped);
+        if let Some(CounterFault::Invented { edges }) = fault {
+            self.invented += edges;
+        }
+    }
+
     /// Starts (or restarts, empty) recording one [`TruthSample`] per servo tick.
     pub fn start_trace(&mut self) {
         self.trace = Some(Vec::new());
@@ -200,7 +241,13 @@ impl Coupling {
         }
         let now_ns = access.virtual_time.0;
         match access.address {
-            ADC1_CR | ADC2_CR if value & ADC_ADSTART != 0 => self.sample_phases(board, now_ns),
+            ADC1_CR | ADC2_CR if value & ADC_ADSTART != 0 => {
+                if board.converts(Analog::Sine) {
+                    self.sample_signals(board, access.virtual_time);
+                } else {
+                    self.sample_phases(board, now_ns);
+                }
+            }
             ADC3_CR if value & ADC_ADSTART != 0 => self.sample_slow_signals(board, now_ns),
             SPI1_TXDR if board.encoder().at_rest(now_ns) => self.latch_encoder(board, now_ns),
             IWDG_KR => self.counts.feeds += u64::from(self.watchdog.on_key(value, board.watchdog_reload(), now_ns)),
@@ -242,6 +289,7 @@ impl Coupling {
     pub fn after_reset(&mut self, board: &mut Nucleo, at: VirtualNanos) {
         board.after_reset(at);
         self.watchdog.reset();
+        self.quarter = None;
         self.update_flag = false;
         self.servo_since_ns = None;
         self.switch_bridge(board, at.0);
@@ -300,6 +348,25 @@ impl Coupling {
         self.present(board, Analog::PhaseB, b);
     }
 
+    /// Sine and cosine; the comparators have gone on to where the stage is now. Without such an encoder nothing drives the inputs.
+    fn sample_signals(&mut self, board: &mut Nucleo, at: VirtualNanos) {
+        if self.signals_ns.is_some_and(|at_ns| at.0 < at_ns + SAME_SAMPLE_NS) {
+            return;
+        }
+        self.signals_ns = Some(at.0);
+        self.advance_to(at.0);
+        let reading = self.plant.encoder_signals().unwrap_or(Reading { pins: [0.0; 2], edges: 0 });
+        let [sin, cos] = reading.pins.map(adc::code);
+        self.present(board, Analog::Sine, sin);
+        self.present(board, Analog::Cosine, cos);
+        if !self.counter_stopped || self.quarter.is_none() {
+            let quarter = reading.edges + self.invented;
+            board.turn_quadrature(self.quarter.unwrap_or(quarter), quarter, at);
+            self.quarter = Some(quarter);
+        }
+        self.note_position(at.0);
+    }
+
     fn sample_slow_signals(&mut self, board: &mut Nucleo, now_ns: u64) {
         self.advance_to(now_ns);
         let bus = adc::code(self.plant.bus_adc());
@@ -315,16 +382,28 @@ impl Coupling {
             Some(AdcFault::Stuck { code }) => code,
             Some(AdcFault::Frozen) => *held,
             Some(AdcFault::Open) => 0,
+            Some(AdcFault::Faded { percent }) => {
+                (MID_CODE + (i32::from(code) - MID_CODE) * i32::from(percent) / 100) as u16
+            }
         };
         board.set_analog(signal, *held);
     }
 
     fn latch_encoder(&mut self, board: &mut Nucleo, now_ns: u64) {
         self.advance_to(now_ns);
+        let frame = match self.plant.stage().encoder.kind {
+            Kind::BissC { .. } => self.plant.encoder_frame(),
+            Kind::SinCos(_) => IDLE_LINE,
+        };
+        board.encoder().latch(frame, now_ns);
+        self.note_position(now_ns);
+    }
+
+    /// The position of a servo tick has been taken.
+    fn note_position(&mut self, now_ns: u64) {
         if self.counts.updates > 0 {
             self.servo_since_ns = Some(self.update_ns);
         }
-        board.encoder().latch(self.plant.encoder_frame(), now_ns);
         if let Some(trace) = &mut self.trace {
             trace.push(TruthSample {
                 time_ns: now_ns,

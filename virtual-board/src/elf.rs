@@ -6,6 +6,7 @@ use std::sync::Arc;
 use defmt_decoder::Table;
 use rigless::image::Image;
 use rigless::symbols::Symbols;
+use servo_protocol::message::VIRTUAL_SERIAL;
 use sha2::{Digest, Sha256};
 
 use crate::Error;
@@ -16,6 +17,9 @@ pub const ELF_VARIABLE: &str = "SERVO_ELF";
 /// The symbol of the RTT control block, which `defmt-rtt` exports.
 const RTT_CONTROL_BLOCK: &str = "_SEGGER_RTT";
 
+/// Where the STM32H743 keeps its serial number, RM0433 rev 9 section 61.1.
+const SERIAL_ADDRESS: u64 = 0x1FF1_E800;
+
 /// A firmware image with its symbols and log strings. Cloning is cheap.
 #[derive(Clone)]
 pub struct Elf {
@@ -24,7 +28,7 @@ pub struct Elf {
 
 struct Inner {
     path: PathBuf,
-    images: [Image; 1],
+    images: [Image; 2],
     symbols: Symbols,
     log_table: Table,
     rtt_address: u64,
@@ -52,8 +56,11 @@ impl Elf {
             .map_err(|error| refuse(error.to_string()))?
             .ok_or_else(|| refuse("it has no defmt log table".to_owned()))?;
         let sha256 = Sha256::digest(&bytes).iter().map(|byte| format!("{byte:02x}")).collect();
-        let image = Image::new(path, bytes, None).map_err(|error| refuse(error.to_string()))?;
-        let inner = Inner { path: path.to_owned(), images: [image], symbols, log_table, rtt_address, sha256 };
+        let image = |path, bytes, at| Image::new(path, bytes, at).map_err(|error| refuse(error.to_string()));
+        let serial = VIRTUAL_SERIAL.iter().flat_map(|word| word.to_le_bytes()).collect();
+        let images =
+            [image(path, bytes, None)?, image(Path::new("the chip's serial number"), serial, Some(SERIAL_ADDRESS))?];
+        let inner = Inner { path: path.to_owned(), images, symbols, log_table, rtt_address, sha256 };
         Ok(Self { inner: Arc::new(inner) })
     }
 

@@ -12,7 +12,7 @@ use servo_sim::encoder;
 const TIMEOUT_NS: u64 = 12_500;
 
 /// What an undriven RS-485 pair with its bias resistors reads as: every bit one.
-const IDLE_LINE: u64 = u64::MAX;
+pub(crate) const IDLE_LINE: u64 = u64::MAX;
 
 /// Clock periods in which a frame made anew acknowledges before its start bit.
 const ACKNOWLEDGE_BITS: u32 = 2;

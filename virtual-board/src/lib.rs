@@ -4,7 +4,7 @@
 //!   firmware.elf ──► emulated STM32H743 (rigless) ──► TIM1 registers ──► bridge ──► motor, stage (servo-sim)
 //!                      ▲      ▲        ▲                                              │
 //!            ADC1..3 ──┘      │        └── USART3 ◄──► tests, host tool               │
-//!                        SPI1: BiSS-C frame ◄─────────────────────────────────────────┘
+//!         SPI1: BiSS-C frame, or ADC1, ADC2 and TIM4: sine, cosine, edges ◄───────────┘
 //! ```
 //!
 //! [`VirtualBoard::boot`] gives a board that stands still; [`VirtualBoard::run_for`] lets virtual time pass. Two runs with the
@@ -21,6 +21,7 @@ mod error;
 pub mod flash;
 mod link;
 mod log;
+pub mod port;
 pub mod pwm;
 mod runner;
 mod serial;
@@ -31,7 +32,7 @@ mod virtual_board;
 mod watchdog;
 
 pub use board::Analog;
-pub use coupling::{AdcFault, Counts, Latency, TruthSample};
+pub use coupling::{AdcFault, CounterFault, Counts, Latency, TruthSample};
 pub use elf::{ELF_VARIABLE, Elf};
 pub use encoder::{EncoderFault, Lasting};
 pub use error::Error;

@@ -4,7 +4,8 @@ use std::fs::File;
 use std::io::{ErrorKind, Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::path::PathBuf;
-use std::thread::sleep;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
+use std::thread::{sleep, spawn};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
@@ -15,6 +16,10 @@ use crate::VirtualBoard;
 const SLICE: Duration = Duration::from_micros(500);
 /// Wall time between two looks for a client while there is none.
 const LOOK: Duration = Duration::from_millis(20);
+/// After so long without a byte for the client it gets an empty frame: the board may be slow, but it is there.
+const SIGN_OF_LIFE: Duration = Duration::from_millis(100);
+/// A client that takes nothing for so long has gone.
+const DEAF: Duration = Duration::from_secs(10);
 
 /// How to serve.
 #[derive(Clone, Debug)]
@@ -40,41 +45,39 @@ pub fn serve(board: &mut VirtualBoard, listener: &TcpListener, service: &Service
         Some(path) => Some(File::create(path).with_context(|| format!("writing {}", path.display()))?),
         None => None,
     };
-    let mut client: Option<TcpStream> = None;
+    let line = Arc::new(Mutex::new(Line { client: None, sent: Instant::now() }));
+    give_signs_of_life(Arc::downgrade(&line));
+    let mut frames = Frames::default();
     let mut pace = Pace::from(board);
     let mut last_seen = Instant::now();
     let mut last_look = Instant::now();
     loop {
-        if client.is_none() || last_look.elapsed() > LOOK {
+        let is_served = lock(&line).client.is_some();
+        if !is_served || last_look.elapsed() > LOOK {
             last_look = Instant::now();
             if service.while_exists.as_ref().is_some_and(|file| !file.exists()) {
                 return Ok(());
             }
             if let Some(new) = arrived(listener)? {
                 // The one before may have gone since it was last looked at: its end comes behind what it sent.
-                for _ in 0..2 {
-                    if let Some(stream) = &mut client
-                        && exchange(board, stream)?.is_none()
-                    {
-                        client = None;
-                    }
-                }
+                exchange(board, &mut frames, &line)?;
+                exchange(board, &mut frames, &line)?;
                 // Another one is dropped, which closes its connection.
-                if client.is_none() {
-                    client = Some(new);
+                let mut line = lock(&line);
+                if line.client.is_none() {
+                    line.client = Some(new);
                     pace = Pace::from(board);
                 }
             }
         }
-        if let Some(stream) = &mut client {
+        exchange(board, &mut frames, &line)?;
+        let is_served = lock(&line).client.is_some();
+        if is_served {
             last_seen = Instant::now();
-            if exchange(board, stream)?.is_none() {
-                client = None;
-            }
         } else if last_seen.elapsed() > service.idle {
             return Ok(());
         }
-        if client.is_some() || service.runs_on {
+        if is_served || service.runs_on {
             board.run_for(SLICE)?;
             pace.wait(board);
         } else {
@@ -100,25 +103,105 @@ fn arrived(listener: &TcpListener) -> Result<Option<TcpStream>> {
     }
 }
 
-/// Moves what there is in both directions; `None` if the client is gone.
-fn exchange(board: &mut VirtualBoard, stream: &mut TcpStream) -> Result<Option<()>> {
-    let mut bytes = [0; 4096];
-    match stream.read(&mut bytes) {
-        Ok(0) => return Ok(None),
-        Ok(length) => board.send(&bytes[..length])?,
-        Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => {}
-        Err(_) => return Ok(None),
+/// Who is at the other end of the board's serial line. Between two frames, always: what a client is sent are whole ones.
+struct Line {
+    client: Option<TcpStream>,
+    /// When the client was last sent something.
+    sent: Instant,
+}
+
+impl Line {
+    /// What a client that has gone is sent is lost, as on a serial line.
+    fn give(&mut self, bytes: &[u8]) {
+        if bytes.is_empty() {
+            return;
+        }
+        if !self.client.as_mut().is_some_and(|stream| give(stream, bytes)) {
+            self.client = None;
+        }
+        self.sent = Instant::now();
     }
-    let mut rest = &board.received()?[..];
-    while !rest.is_empty() {
-        match stream.write(rest) {
-            Ok(length) => rest = &rest[length..],
-            // The client does not read: nothing is lost, and no time passes meanwhile.
-            Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => sleep(LOOK),
-            Err(_) => return Ok(None),
+
+    /// Takes what the client sends; nothing if there is none, or no more.
+    fn take(&mut self, bytes: &mut [u8]) -> usize {
+        let Some(stream) = &mut self.client else { return 0 };
+        match stream.read(bytes) {
+            Ok(length) if length > 0 => length,
+            Err(error) if is_later(&error) => 0,
+            _ => {
+                self.client = None;
+                0
+            }
         }
     }
-    Ok(Some(()))
+}
+
+fn lock(line: &Mutex<Line>) -> MutexGuard<'_, Line> {
+    // Whoever panicked left a connection, which is whole or broken.
+    line.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// An empty frame whenever the client has heard nothing for a while: in a thread of its own, because a piece of the emulation may take long.
+/// Ends with the line.
+fn give_signs_of_life(line: Weak<Mutex<Line>>) {
+    spawn(move || {
+        while let Some(line) = line.upgrade() {
+            let mut line = lock(&line);
+            if line.sent.elapsed() > SIGN_OF_LIFE {
+                line.give(&[0]);
+            }
+            drop(line);
+            sleep(SIGN_OF_LIFE / 4);
+        }
+    });
+}
+
+/// What the board has sent of a frame that has not ended.
+#[derive(Default)]
+struct Frames(Vec<u8>);
+
+impl Frames {
+    /// Takes `bytes`, and gives the frames that end in them.
+    fn whole(&mut self, bytes: &[u8]) -> Vec<u8> {
+        self.0.extend_from_slice(bytes);
+        let end = self.0.iter().rposition(|byte| *byte == 0).map_or(0, |last| last + 1);
+        let rest = self.0.split_off(end);
+        std::mem::replace(&mut self.0, rest)
+    }
+}
+
+/// Moves what there is in both directions.
+fn exchange(board: &mut VirtualBoard, frames: &mut Frames, line: &Mutex<Line>) -> Result<()> {
+    let sent = frames.whole(&board.received()?);
+    let mut arrived = [0; 4096];
+    let length = {
+        let mut line = lock(line);
+        let length = line.take(&mut arrived);
+        line.give(&sent);
+        length
+    };
+    if length > 0 {
+        board.send(&arrived[..length])?;
+    }
+    Ok(())
+}
+
+/// Sends all of `bytes`, or returns `false`: the client has gone.
+fn give(stream: &mut TcpStream, mut bytes: &[u8]) -> bool {
+    let begun = Instant::now();
+    while !bytes.is_empty() {
+        match stream.write(bytes) {
+            Ok(length) => bytes = &bytes[length..],
+            // It does not read: nothing is lost, and no time passes meanwhile.
+            Err(error) if is_later(&error) && begun.elapsed() < DEAF => sleep(LOOK),
+            Err(_) => return false,
+        }
+    }
+    true
+}
+
+fn is_later(error: &std::io::Error) -> bool {
+    matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted)
 }
 
 /// Virtual time against the clock on the wall.
@@ -140,5 +223,18 @@ impl Pace {
             // What was lost is not made up for.
             None => *self = Pace::from(board),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_client_is_sent_whole_frames() {
+        let mut frames = Frames::default();
+        let sent: Vec<Vec<u8>> =
+            [&[1, 2][..], &[], &[3, 0, 4], &[5, 0, 0, 6], &[0]].map(|bytes| frames.whole(bytes)).into();
+        assert_eq!(sent, [vec![], vec![], vec![1, 2, 3, 0], vec![4, 5, 0, 0], vec![6, 0]]);
     }
 }

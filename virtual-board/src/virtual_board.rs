@@ -10,7 +10,7 @@ use servo_sim::{Plant, Stage};
 
 use crate::Error;
 use crate::board::{Analog, Nucleo};
-use crate::coupling::{AdcFault, Counts, Coupling, TruthSample};
+use crate::coupling::{AdcFault, CounterFault, Counts, Coupling, TruthSample};
 use crate::elf::Elf;
 use crate::encoder::{EncoderFault, Lasting};
 use crate::log::LogLine;
@@ -290,6 +290,14 @@ impl VirtualBoard {
     /// [`Error::Ended`].
     pub fn set_adc_fault(&mut self, signal: Analog, fault: Option<AdcFault>) -> Result<(), Error> {
         self.runner.call(move |halted| halted.coupling.set_adc_fault(signal, fault))
+    }
+
+    /// Breaks or, with `None`, mends the comparators that count the quarter periods of sine and cosine.
+    ///
+    /// # Errors
+    /// [`Error::Ended`].
+    pub fn set_counter_fault(&mut self, fault: Option<CounterFault>) -> Result<(), Error> {
+        self.runner.call(move |halted| halted.coupling.set_counter_fault(fault))
     }
 
     /// Sets or clears the fault output of the power stage, which trips TIM1's break input.

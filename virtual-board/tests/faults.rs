@@ -6,7 +6,9 @@ use std::num::NonZeroU64;
 use std::time::Duration;
 
 use common::{enabled, five_mm, status};
+use servo_core::black_box::BEFORE_TICKS;
 use servo_core::fault::Fault;
+use servo_core::record::flags;
 use servo_core::state::State;
 use servo_protocol::black_box::BlackBox;
 use servo_protocol::message::{Reply, Request};
@@ -45,6 +47,7 @@ fn assert_latched(board: &mut VirtualBoard, link: &mut Link, fault: Fault) {
     assert!(!board.bridge_enabled().unwrap());
     let log = board.log().unwrap();
     assert!(common::logged(&log, "fault"), "{log:#?}");
+    common::assert_in_black_box(board, link, fault);
     board.check_told().unwrap();
 }
 
@@ -150,18 +153,23 @@ fn the_power_stage_turns_the_bridge_off_by_itself_and_the_drive_can_be_enabled_a
 
 #[test]
 fn a_bus_voltage_out_of_its_limits_turns_the_bridge_off() {
-    // Beyond the converter, and a surge to 62 V and a sag to 22 V of 80 V full scale.
-    for (code, fault) in [
-        (u16::MAX, Fault::BusOverVoltage),
-        (0, Fault::BusUnderVoltage),
-        (50_790, Fault::BusOverVoltage),
-        (18_022, Fault::BusUnderVoltage),
-    ] {
+    type Break = fn(&mut VirtualBoard);
+    let breaks: [(&str, Break, Fault); 4] = [
+        ("surge", |board| board.with_plant(|plant| plant.set_bus_v(62.0)).unwrap(), Fault::BusOverVoltage),
+        ("sag", |board| board.with_plant(|plant| plant.set_bus_v(22.0)).unwrap(), Fault::BusUnderVoltage),
+        (
+            "converter at its upper end",
+            |board| board.set_adc_fault(Analog::Bus, Some(AdcFault::Stuck { code: u16::MAX })).unwrap(),
+            Fault::BusOverVoltage,
+        ),
+        ("wire off", |board| board.set_adc_fault(Analog::Bus, Some(AdcFault::Open)).unwrap(), Fault::BusUnderVoltage),
+    ];
+    for (what, break_it, fault) in breaks {
         let (mut board, mut link) = moving();
-        board.set_adc_fault(Analog::Bus, Some(AdcFault::Stuck { code })).unwrap();
+        break_it(&mut board);
         // The conversion is read one servo period after its start, and every seventeenth is the temperature's.
         let off_ns = time_to_off_ns(&mut board, 5 * SERVO_PERIOD_NS);
-        assert!(off_ns.is_some_and(|off_ns| off_ns <= 3 * SERVO_PERIOD_NS), "{fault:?} {off_ns:?}");
+        assert!(off_ns.is_some_and(|off_ns| off_ns <= 3 * SERVO_PERIOD_NS), "{what} {off_ns:?}");
         assert_latched(&mut board, &mut link, fault);
     }
 }
@@ -169,17 +177,28 @@ fn a_bus_voltage_out_of_its_limits_turns_the_bridge_off() {
 #[test]
 fn a_reset_in_mid_move_turns_the_bridge_off_at_once() {
     let (mut board, mut link) = moving();
+    let last = status(&mut board, &mut link).counters.ticks;
     board.reset().unwrap();
     assert!(!board.bridge_enabled().unwrap());
     board.run_for(common::BOOT).unwrap();
     let status = status(&mut board, &mut link);
     assert_eq!((status.state, status.fault), (State::SwitchOnDisabled, None));
+    assert!(common::logged(&board.log().unwrap(), "reset by"), "the cause is in the log");
+    // The ticks up to the reset, in motion to the last one.
+    let words = common::black_box(&mut board, &mut link);
+    let black_box = BlackBox(&words[..]);
+    assert!(black_box.is_intact());
+    let newest = black_box.entries().last().unwrap();
+    let moving = u32::from(flags::MOVING | flags::BRIDGE_ON);
+    assert!(newest.sequence() > last && newest.fault_number() == 0, "{newest:?}");
+    assert_eq!(newest.record()[14] & moving, moving, "{newest:?}");
+    assert!(black_box.replay().unwrap() > BEFORE_TICKS);
     board.check_told().unwrap();
 }
 
 #[test]
-fn garbled_requests_are_dropped_and_counted() {
-    let (mut board, mut link) = enabled();
+fn noise_on_the_line_is_dropped_and_counted_and_the_move_goes_on() {
+    let (mut board, mut link) = moving();
     board.send(b"\x05hello\x00").unwrap();
     board.send(&[0xA5; 2000]).unwrap();
     board.send(&[0]).unwrap();
@@ -192,29 +211,38 @@ fn garbled_requests_are_dropped_and_counted() {
     board.set_serial_errors(0, 0, 1).unwrap();
     board.send(&[0]).unwrap();
     let status = status(&mut board, &mut link);
-    assert_eq!(status.state, State::OperationEnabled);
+    assert_eq!((status.state, status.fault), (State::OperationEnabled, None));
     assert!(status.bad_requests > 2, "{}", status.bad_requests);
+    board.run_for(Duration::from_millis(300)).unwrap();
+    let at_m = board.plant().unwrap().position_m();
+    assert!((at_m - 5e-3).abs() < 1e-6, "{at_m} m");
     board.check_told().unwrap();
 }
 
 #[test]
-fn current_sensors_that_break_off_or_fall_silent_turn_the_bridge_off() {
-    // Off, a signal reads as the lower end; silent, as no current, without even noise.
+fn current_sensors_that_break_off_or_stop_turn_the_bridge_off_one_alone_as_well() {
+    // Off, a signal reads as the lower end; stopped, as no current or the last one, without even noise, for 80 ticks and one.
     let silent = AdcFault::Stuck { code: 32_768 };
-    for (fault, within_ns, name) in
-        [(AdcFault::Open, 2 * PWM_PERIOD_NS, Fault::OverCurrent), (silent, 60_000_000, Fault::CurrentFrozen)]
-    {
+    let (broken_off, stopped) = ((2 * PWM_PERIOD_NS, Fault::OverCurrent), (83 * SERVO_PERIOD_NS, Fault::CurrentFrozen));
+    let both = &[Analog::PhaseA, Analog::PhaseB][..];
+    for (signals, fault, (within_ns, name)) in [
+        (both, AdcFault::Open, broken_off),
+        (&both[..1], AdcFault::Open, broken_off),
+        (both, silent, stopped),
+        (&both[..1], silent, stopped),
+        (&both[1..], AdcFault::Frozen, stopped),
+    ] {
         let (mut board, mut link) = enabled();
-        for signal in [Analog::PhaseA, Analog::PhaseB] {
-            board.set_adc_fault(signal, Some(fault)).unwrap();
+        for signal in signals {
+            board.set_adc_fault(*signal, Some(fault)).unwrap();
         }
         let start_ns = board.time_ns();
         while board.bridge_enabled().unwrap() && board.time_ns() - start_ns < within_ns {
             board.run_for(Duration::from_micros(5)).unwrap();
         }
-        assert!(!board.bridge_enabled().unwrap(), "{fault:?}");
-        for signal in [Analog::PhaseA, Analog::PhaseB] {
-            board.set_adc_fault(signal, None).unwrap();
+        assert!(!board.bridge_enabled().unwrap(), "{signals:?} {fault:?}");
+        for signal in signals {
+            board.set_adc_fault(*signal, None).unwrap();
         }
         assert_latched(&mut board, &mut link, name);
     }
@@ -258,6 +286,7 @@ fn a_processor_too_slow_for_the_tick_is_an_overrun() {
     let status = status(&mut board, &mut link);
     assert_eq!((status.state, status.fault), (State::Fault, Some(Fault::TickOverrun)));
     assert!(status.counters.overruns > 0 && !board.bridge_enabled().unwrap());
+    common::assert_in_black_box(&mut board, &mut link, Fault::TickOverrun);
 }
 
 /// `b .`: hangs whoever runs into it, and with it all tasks, which take turns.
@@ -305,8 +334,10 @@ fn a_task_that_hangs_turns_the_bridge_off_and_then_the_watchdog_starts_the_firmw
     let after = status(&mut board, &mut link);
     assert_eq!((after.state, after.fault), (State::Fault, Some(Fault::WatchdogReset)));
     let words = common::black_box(&mut board, &mut link);
-    let newest = BlackBox(&words[..]).entries().last().unwrap();
+    let black_box = BlackBox(&words[..]);
+    let newest = black_box.entries().last().unwrap();
     assert_eq!(newest.fault_number(), Fault::TaskHung.number(), "the black box is that of the run before");
+    assert!(black_box.is_intact());
     board.check_told().unwrap();
     assert!(matches!(link.request(&mut board, &Request::Enable).unwrap(), Reply::Refused(_)));
     assert!(matches!(link.request(&mut board, &Request::ResetFault).unwrap(), Reply::Done { .. }));

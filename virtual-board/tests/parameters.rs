@@ -34,7 +34,7 @@ fn a_new_drive_says_so_and_is_enabled_only_after_a_save() {
     assert_eq!(refusal(&mut session, &Request::LoadParameters), Refusal::NothingStored);
     assert!(session.parameter_store().unwrap().unsaved);
 
-    session.commission(&Settings { niasa_coulomb_n: 0.7, ..Settings::default() }).unwrap();
+    session.commission(&Settings { niasa_coulomb_n: 0.7, ..common::aligned() }).unwrap();
     session.board.run_for(Duration::from_millis(10)).unwrap();
     assert_eq!(session.status().unwrap().state, State::SwitchOnDisabled);
     let store = session.parameter_store().unwrap();
@@ -58,11 +58,12 @@ fn load_returns_to_what_is_stored_and_reset_to_the_defaults() {
     set(&mut session, "niasa_coulomb_n", 0.9);
     assert!(session.parameter_store().unwrap().unsaved);
     session.order(&Request::LoadParameters).unwrap();
-    assert_eq!(session.parameters().unwrap(), Settings::default());
+    assert_eq!(session.parameters().unwrap(), common::aligned());
     assert!(!session.parameter_store().unwrap().unsaved);
     set(&mut session, "niasa_coulomb_n", 0.9);
     session.order(&Request::ResetParameters).unwrap();
     assert_eq!(session.parameters().unwrap(), Settings::default());
+    assert_eq!(refusal(&mut session, &Request::Enable), Refusal::NotAligned(None), "as new");
 }
 
 #[test]
@@ -99,5 +100,7 @@ fn an_image_of_the_schema_before_is_taken_over() {
     let store = session.parameter_store().unwrap();
     assert_eq!(store.image, Some(Current { slot: Slot::B, sequence: 3, schema: OLDEST_SCHEMA }));
     assert_eq!(session.parameters().unwrap().niasa_coulomb_n, 0.6375);
+    // Its drive was enabled with the offset that it had.
+    assert_eq!(session.parameters().unwrap().commutation_identity, 0.0);
     assert!(logged(&session.board.log().unwrap(), "taken over from schema"));
 }

@@ -20,7 +20,7 @@ const NEW: f64 = 0.75;
 const NEARLY_ERASED_NS: u64 = 990_000_000;
 
 fn settings(niasa_coulomb_n: f64) -> Settings {
-    Settings { niasa_coulomb_n, ..Settings::default() }
+    Settings { niasa_coulomb_n, ..common::aligned() }
 }
 
 /// Sector A after the erasure and after every word of a save to it that nothing disturbs, and what both held before.

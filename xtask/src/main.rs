@@ -8,6 +8,7 @@ use clap::{Parser, Subcommand};
 
 mod apt;
 mod bench;
+mod commission_stages;
 mod demo;
 mod docs;
 mod embedded;
@@ -56,6 +57,8 @@ enum Word {
     Bench(bench::Options),
     /// Run the long forms of tests: an hour of motion, a thousand million random ticks
     Endurance(endurance::Options),
+    /// Commission every named stage on the virtual board, from a new drive to NIASA, unattended
+    CommissionStages,
     /// Look for bytes that break what reads them: serial frames, flash, encoder line, stage file
     Fuzz(fuzz::Options),
     /// Write the pages of docs/ that are made from tables in code
@@ -93,6 +96,7 @@ fn run(word: Word, directory: &Path) -> Result<()> {
         Word::Qemu { bless: true } => qemu::bless(),
         Word::Bench(options) => bench::run(&options.seen_from(directory)),
         Word::Endurance(options) => endurance::run(&options),
+        Word::CommissionStages => commission_stages::run(),
         Word::Fuzz(options) => fuzz::run(&options.seen_from(directory)),
         Word::Docs => docs::write(),
         Word::Scope => scope::bundle(),

@@ -16,7 +16,8 @@ those who write another host.
 ## The line
 
 USART3 of the board, which is the ST-LINK's virtual COM port: 8 data bits, no parity, one stop bit; the bit rate is `BAUD` in
-[`hal-board/src/link.rs`](../hal-board/src/link.rs). A virtual drive carries the same bytes over TCP.
+[`hal-board/src/link.rs`](../hal-board/src/link.rs). A virtual drive carries the same bytes over TCP, and sends an empty
+frame when it has had nothing to say for 100 ms: it may be slower than the clock on the wall, but a line on which nothing at all comes is dead.
 
 ## A frame
 
@@ -32,13 +33,14 @@ CRC-32/ISO-HDLC (that of Ethernet) over the serialised bytes, least significant 
 The first request of a host is `Identity`: with id 0 it is the bytes `01 01 05 ff 12 d9 41 00` for ever. The reply is frozen as well: protocol number (`u16`), firmware version
 (three `u16`), fingerprint of the program (`u64`: FNV-1a of the program in flash, so that the ELF which decodes the log can be told), name of the board
 (string), serial number of the chip (three `u32`). A host that reads another protocol number than its own goes no further: the rest may differ.
+On a virtual board the chip's production lot, the last seven bytes of the serial number, is `VIRTUAL` in ASCII: everything measured there is simulated.
 
 ## Lost frames
 
 A drive answers what it can read and is silent about the rest. A host has one request under way, waits, and sends it again with the same number; it begins with a random number, so that
 two hosts in a row do not meet. **Queries** are answered anew each time. **Commands** are carried out once: the drive remembers the number of the last one and its
 answer, and answers a repetition from memory. So a command whose reply is lost is not carried out twice, and one that gets no reply in all attempts is reported as *not
-known whether carried out*. `Restart` is never sent again: a drive that has started anew remembers nothing.
+known whether carried out*. `servoctl` gives up when nothing at all has come for 0.75 s. `Restart` is never sent again: a drive that has started anew remembers nothing.
 
 A command is answered by `Done` with the servo tick that carried it out, or by `Refused` with the reason. A `Status` says of which tick it is at least; one
 of the command's tick or later shows the command's effect. A tick count that falls means that the drive was restarted.

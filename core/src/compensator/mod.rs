@@ -173,6 +173,14 @@ impl Memory {
         (memory, integral_n)
     }
 
+    /// The factor on the cascade's proportional and derivative part in the last tick.
+    pub fn gain(&self, k: &Coefficients, proportional_n_per_m: f32) -> f32 {
+        match self {
+            Memory::ScheduledPd(scheduled) => scheduled.gain(&k.scheduled, proportional_n_per_m),
+            _ => 1.0,
+        }
+    }
+
     /// What to do in this tick.
     #[inline]
     pub fn act(&mut self, k: &Coefficients, tick: &Situation) -> Action {

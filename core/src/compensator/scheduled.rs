@@ -31,13 +31,18 @@ impl State {
     #[inline]
     pub fn act(&mut self, k: &Coefficients, tick: &Situation) -> Action {
         self.model.update(&k.friction, tick.position);
-        let slope_n_per_m = self.model.slope_n_per_m();
         Action {
-            gain: 1.0 + k.share * slope_n_per_m / tick.proportional_n_per_m.max(1.0),
+            gain: self.gain(k, tick.proportional_n_per_m),
             replaces_integral: true,
             friction_n: self.model.force_n(),
-            slope_n_per_m,
+            slope_n_per_m: self.model.slope_n_per_m(),
             ..Action::NONE
         }
+    }
+
+    /// The factor on k_P and k_D as of the last tick.
+    #[inline]
+    pub fn gain(&self, k: &Coefficients, proportional_n_per_m: f32) -> f32 {
+        1.0 + k.share * self.model.slope_n_per_m() / proportional_n_per_m.max(1.0)
     }
 }

@@ -69,6 +69,12 @@ impl Drive {
                 self.interpolator.collect();
                 Ok(())
             }
+            Command::CorrectSignals(correction) => {
+                let k = self.config.sin_cos.as_mut().ok_or(Refusal::NoSignals)?;
+                k.correction = correction;
+                self.interpolator.correct(correction);
+                Ok(())
+            }
             Command::Configure { ref config, needs_bridge_off } => self.configure(config, needs_bridge_off),
         }
     }
@@ -215,11 +221,27 @@ impl Drive {
 
     /// The next tick's force is this one's: what the old compensator gave and the new one does not give is the linear integrator's.
     fn choose(&mut self, kind: Compensator) {
+        let before_n_s_per_m = self.derivative_n_s_per_m();
+        self.switch(kind);
+        self.absorb_from(before_n_s_per_m);
+    }
+
+    /// What the derivative part was made with in the last tick.
+    fn derivative_n_s_per_m(&self) -> f32 {
+        let k = &self.config;
+        k.cascade.velocity_n_s_per_m * self.compensator.gain(&k.compensator, k.cascade.proportional_n_per_m)
+    }
+
+    fn absorb_from(&mut self, derivative_n_s_per_m: f32) {
+        self.absorb = true;
+        self.absorbed_share = derivative_n_s_per_m / self.config.cascade.velocity_n_s_per_m;
+    }
+
+    fn switch(&mut self, kind: Compensator) {
         self.config.compensator.kind = kind;
         self.merge_integrals();
         (self.compensator, self.cascade.integral_n) =
             Memory::start(kind, self.tracker.position(), self.cascade.integral_n);
-        self.absorb = true;
     }
 
     /// Hands the force of the compensator's integrator to the linear one; their sum stays.
@@ -232,18 +254,8 @@ impl Drive {
         if needs_bridge_off && self.torque {
             return Err(Refusal::WrongState(self.state));
         }
-        let kind = config.compensator.kind;
-        let switch = kind != self.config.compensator.kind;
         if needs_bridge_off {
             self.config = *config;
-        } else {
-            self.config.adopt(config);
-        }
-        self.absorb = true;
-        if switch {
-            self.choose(kind);
-        }
-        if needs_bridge_off {
             // Origin, count or commutation may differ: begin again from the next good frame.
             self.tracker = Tracker::default();
             if config.sin_cos.is_some() {
@@ -251,7 +263,16 @@ impl Drive {
             }
             self.begin_angle();
             self.commutation = if config.commutation_stored { Commutation::Stored } else { Commutation::Unknown };
+            return Ok(());
         }
+        let kind = config.compensator.kind;
+        let switch = kind != self.config.compensator.kind;
+        let before_n_s_per_m = self.derivative_n_s_per_m();
+        self.config.adopt(config);
+        if switch {
+            self.switch(kind);
+        }
+        self.absorb_from(before_n_s_per_m);
         Ok(())
     }
 }

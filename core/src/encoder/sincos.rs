@@ -278,6 +278,12 @@ impl Interpolator {
         self.error_periods
     }
 
+    /// Corrects in this way from the next sample on; what has been learnt of the one before is forgotten.
+    pub fn correct(&mut self, correction: Correction) {
+        let Interpolator { edges, looked_at, .. } = *self;
+        *self = Interpolator { correction: Some(correction), edges, looked_at, ..Interpolator::default() };
+    }
+
     /// Starts to collect for a new correction.
     pub fn collect(&mut self) {
         self.fit = Some(Fit::default());

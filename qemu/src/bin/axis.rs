@@ -17,6 +17,9 @@ fn main() -> ! {
 fn run() -> Result<Digest, Failure> {
     let mut axis = Axis::new(Config::new(&script::settings())?);
     image::replay(|digest, number, tick| {
+        if number == script::SIN_COS_TICK {
+            axis = Axis::new(script::sin_cos_config()?);
+        }
         if number == script::CAPTURE_TICK {
             axis.arm_capture(script::CAPTURE);
         }

@@ -18,7 +18,6 @@ use servo_core::current::{CurrentLoop, Demand};
 use servo_core::drive::{Drive, Inputs};
 use servo_core::encoder::sincos::{self, Interpolator};
 use servo_core::encoder::tracker::Tracker;
-use servo_core::math;
 use servo_core::parameters::Settings;
 use servo_core::position::Position;
 use servo_core::profile::{Profile, Setpoint};
@@ -46,6 +45,10 @@ fn run() -> Result<Digest, Failure> {
     let mut capture = Capture::default();
     let mut stages = Stages::new();
     image::replay(|digest, number, tick| {
+        if number == script::SIN_COS_TICK {
+            drive = Drive::new(script::sin_cos_config()?);
+            (current, capture) = Default::default();
+        }
         if number == script::CAPTURE_TICK {
             capture.arm(script::CAPTURE);
         }
@@ -112,7 +115,7 @@ impl Stages {
             &mut self.tracker,
             &mut self.interpolator,
             &self.sin_cos,
-            signals(record.position),
+            script::signals(record.position),
         ));
         if !demand.enabled {
             return;
@@ -137,12 +140,4 @@ impl Stages {
         black_box(regions::niasa_act(&mut self.niasa, config, &situation));
         black_box(regions::sin_cos(demand.turns));
     }
-}
-
-/// What an encoder with sine and cosine would have told at a position.
-fn signals(position: Position) -> sincos::Sample {
-    let turns = (position.0 & 0xffff) as f32 / sincos::PERIOD_CT as f32;
-    let (sin, cos) = math::sin_cos_turns(turns);
-    let code = |share: f32| (32_768.0 + 24_576.0 * share) as u16;
-    sincos::Sample { sin: code(sin), cos: code(cos), edges: (position.0 >> 14) as u16 }
 }

@@ -22,7 +22,8 @@ use clap::{CommandFactory, Parser, Subcommand};
 use std::process::ExitCode;
 
 use drive::{
-    Link, align, capture, faults, identity, log, motion, params, scope, sequence, stream, virtual_drive, watch,
+    Link, align, calibrate_encoder, capture, faults, identity, log, measure, motion, params, scope, sequence, stream,
+    virtual_drive, watch,
 };
 
 /// Talks to a servo drive, runs its experiments and reports them.
@@ -50,6 +51,8 @@ pub enum Command {
     Disable(identity::Options),
     /// Look for the motor's electrical zero
     Align(identity::Options),
+    /// Find offsets, gain and phase of an encoder with sine and cosine, on a move of 0.1 mm to and fro
+    CalibrateEncoder(identity::Options),
     /// Move, and report how the stage settled
     Move(motion::Options),
     /// Carry out the commands of a file
@@ -64,6 +67,9 @@ pub enum Command {
     Watch(watch::Options),
     /// Record every servo tick in the drive and write it to a file
     Capture(capture::Options),
+    /// Excite the loop, and show what answers: stepped sine, identification profile, pulse
+    #[command(subcommand)]
+    Measure(measure::Options),
     /// Write signals of every servo tick to a file as they come
     Stream(stream::Options),
     /// Serve a page on this computer: live traces, moves, settling, parameters
@@ -127,6 +133,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         Command::Enable(options) => identity::enable(link, options),
         Command::Disable(options) => identity::disable(link, options),
         Command::Align(options) => return align::run(link, options),
+        Command::CalibrateEncoder(options) => return calibrate_encoder::run(link, options),
         Command::Move(options) => return motion::run(link, options),
         Command::Sequence(options) => return sequence::run(link, options),
         Command::Stop(options) => identity::stop(link, options),
@@ -134,6 +141,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         Command::Faults(options) => faults::run(link, options),
         Command::Watch(options) => watch::run(link, options),
         Command::Capture(options) => return capture::run(link, options),
+        Command::Measure(options) => return measure::run(link, options),
         Command::Stream(options) => return stream::run(link, options),
         Command::Scope(options) => scope::run(link, options),
         Command::Log(options) => log::run(link, options),
@@ -149,7 +157,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         Command::Theory(options) => theory::run(options),
         Command::Reproduce(options) => reproduce::run(options),
         Command::Fit(options) => fit::run(options),
-        Command::Commission(options) => commission::run(link, options),
+        Command::Commission(options) => return commission::run(link, options),
         Command::Report(options) => report::run(options),
         Command::Merge(options) => merge::run(options),
     }

@@ -5,17 +5,16 @@ use servo_core::measure::Shape;
 use servo_core::parameters::Settings;
 use servo_core::profile::Limits;
 use servo_ident::frf;
+use servo_ident::length_scale::Swing;
 use servo_ident::{Record, dahl, length_scale as scale, maxwell, tuning};
 
 use super::link::{Order, Sample, Session};
-use super::loops::{SAMPLE_S, bounded};
+use super::loops::{SAMPLE_S, bounds};
 use super::{Failure, Found, fit};
 
 /// The step that shows the length scale, m, and its acceleration, m/s².
 const STEP_M: f64 = 100e-6;
 const STEP_M_PER_S2: f32 = 20.0;
-/// A leg that takes longer than the linear one by this factor is no longer linear.
-const SLOW: f64 = 1.5;
 /// Places of the identification profile, as shares of half the travel.
 const PLACES: [f64; 3] = [-0.3, 0.0, 0.3];
 /// Frequency of the profile, Hz, its periods, and its amplitude at the end over that at the beginning.
@@ -52,7 +51,7 @@ pub struct ProfileFit {
     pub coulomb_n: f64,
     /// Its 95 % interval (N).
     pub coulomb_ci95_n: [f64; 2],
-    /// What Dahl's model leaves (N rms).
+    /// What Dahl's model leaves on the samples that Maxwell slip is compared on (N rms).
     pub dahl_rms_n: f64,
     /// What Maxwell slip leaves (N rms); nothing if it cannot be fitted.
     pub maxwell_rms_n: Option<f64>,
@@ -66,10 +65,12 @@ pub struct ProfileFit {
     pub loop_nm_n: Vec<[f64; 3]>,
 }
 
-/// A step, and the times between the extremes of its swing.
+/// A step, and the times between the extremes of its swing against those of the linear loop.
 pub fn length_scale(session: &mut Session, found: &mut Found) -> Result<String, Failure> {
     let Some((_, large)) = found.loops.first() else { return Err(Failure::Missing("the loop transmission")) };
-    let expected_s = frf::second_order(&frf::closed_loop(large))?.half_period_s();
+    let gains = found.gains.ok_or(Failure::Missing("the gains"))?;
+    let closed_loop = frf::second_order(&tuning::closed_loop_without_zeros(large, &gains, SAMPLE_S))?;
+    found.closed_loop = Some(closed_loop);
     session.enable()?;
     let start_m = session.look()?.position_m;
     let limits = Limits { velocity_m_per_s: 0.1, acceleration_m_per_s2: STEP_M_PER_S2, jerk_m_per_s3: None };
@@ -77,17 +78,28 @@ pub fn length_scale(session: &mut Session, found: &mut Found) -> Result<String, 
     let samples = session.capture(&order, 0.5, 1)?;
     let time_s: Vec<f64> = (0..samples.len()).map(|i| i as f64 * SAMPLE_S).collect();
     let position_m: Vec<f64> = samples.iter().map(|sample| -sample.error_m).collect();
+    let swing = Swing::of(&time_s, &position_m, 0.0)?;
+    found.extremes.clone_from(&swing.extremes);
+    let linear = format!(
+        "closed loop as of second order {:.0} Hz, damping {:.2}, {:.1} ms from extreme to extreme",
+        closed_loop.natural_hz,
+        closed_loop.damping,
+        closed_loop.half_period_s() * 1e3
+    );
     // A stage whose friction stops it at once shows no length scale; the profile then has its usual size.
-    match scale::find(&time_s, &position_m, 0.0, expected_s, SLOW) {
-        Ok(length) => {
-            found.length_scale_m = Some(length.length_m);
-            Ok(format!("friction rules below {:.0} nm", length.length_m * 1e9))
-        }
-        Err(why) => {
-            found.length_scale_m = None;
-            Ok(format!("not seen ({why})"))
-        }
-    }
+    let result = scale::find(&swing, closed_loop.half_period_s(), scale::USUAL_FACTOR);
+    found.length_scale_m = result.as_ref().ok().map(|length| length.length_m);
+    Ok(match result {
+        Ok(length) => format!(
+            "linear down to {:.0} nm, friction rules below {:.0} nm: {} {:.1} ms{}; {linear}",
+            length.linear_from_m * 1e9,
+            length.length_m * 1e9,
+            if length.creeps { "creeping from there takes" } else { "the next extreme comes after" },
+            length.leg_s * 1e3,
+            if length.creeps { " or more" } else { "" }
+        ),
+        Err(why) => format!("not seen ({why}); {linear}"),
+    })
 }
 
 /// The identification profile at several places, Dahl's model and Maxwell slip fitted to each.
@@ -99,14 +111,15 @@ pub fn friction(session: &mut Session, found: &mut Found) -> Result<String, Fail
     let middle_m = 0.5 * (settings.travel_max_m + settings.travel_min_m);
     session.enable()?;
     found.profiles.clear();
-    for place in PLACES {
+    for (index, place) in PLACES.into_iter().enumerate() {
+        session.done(index, PLACES.len());
         let place_m = middle_m + place * half_m;
         session.move_to(place_m, Limits { velocity_m_per_s: 0.1, acceleration_m_per_s2: 1.0, jerk_m_per_s3: None })?;
         session.wait(0.5)?;
         let amplitude = amplitude_for(session, span_m)?;
         let shape = Shape::DecayingSine { amplitude, frequency_hz: PROFILE_HZ, periods: PERIODS, end_share: END_SHARE };
         let length_s = f64::from(PERIODS) / f64::from(PROFILE_HZ);
-        let samples = session.capture(&Order::Excite(bounded(shape, &settings)), length_s, 1)?;
+        let samples = session.capture(&Order::Excite(bounds(&settings).around(shape)), length_s, 1)?;
         found.profiles.push(fit_profile(&samples, &settings, mass_kg, place_m, f64::from(amplitude))?);
         session.wait(0.1)?;
     }
@@ -119,8 +132,10 @@ pub fn friction(session: &mut Session, found: &mut Found) -> Result<String, Fail
     fit("sigma / N/m", sigma, SIGMA_N_PER_M[0], SIGMA_N_PER_M[1], "this is no friction of guides")?;
     fit("F_C / N", coulomb, COULOMB_N[0], COULOMB_N[1], "this is no friction of guides")?;
     (found.sigma_n_per_m, found.coulomb_n) = (Some(sigma), Some(coulomb));
-    let maxwell = found.profiles.iter().any(|fit| fit.needs_maxwell);
-    let model = if maxwell { "Maxwell slip fits better" } else { "Dahl's model will do" };
+    let votes = found.profiles.iter().filter(|fit| fit.needs_maxwell).count();
+    let needs_maxwell = 2 * votes > found.profiles.len();
+    found.needs_maxwell = Some(needs_maxwell);
+    let model = if needs_maxwell { "Maxwell slip fits better" } else { "Dahl's model will do" };
     Ok(format!("sigma {:.2} N/µm, F_C {coulomb:.3} N; {model}", sigma * 1e-6))
 }
 
@@ -130,7 +145,7 @@ fn amplitude_for(session: &mut Session, span_m: f64) -> Result<f32, Failure> {
     for _ in 0..ATTEMPTS {
         let frequency_hz = 2.0 * PROFILE_HZ;
         let shape = Shape::DecayingSine { amplitude, frequency_hz, periods: 1, end_share: 1.0 };
-        let request = bounded(shape, &session.settings);
+        let request = bounds(&session.settings).around(shape);
         let samples = session.capture(&Order::Excite(request), 1.0 / f64::from(frequency_hz), 1)?;
         let positions = || samples.iter().map(|sample| sample.position_m);
         let moved_m = positions().fold(f64::MIN, f64::max) - positions().fold(f64::MAX, f64::min);
@@ -168,10 +183,13 @@ fn fit_profile(
         .collect();
     let record = Record::from_current(&time_s, &position_m, &force_n, mass_kg, 1.0)?;
     let found = dahl::fit_any_memory(&record, false)?;
-    let dahl_rms_n = found.mse_n2.sqrt();
     let maxwell = maxwell::fit(&record, ELEMENTS).ok();
     let maxwell_rms_n = maxwell.as_ref().map(|fit| fit.rms_n);
     let model_n = found.force_n(&record);
+    // Both on the same samples: from where the states of all elements are known.
+    let compared = maxwell.as_ref().map_or(0, |fit| fit.first_sample);
+    let left = record.force_n.iter().zip(&model_n).skip(compared).map(|(f, m)| (f - m) * (f - m));
+    let dahl_rms_n = (left.sum::<f64>() / (record.samples() - compared) as f64).sqrt();
     let every = samples.len().div_ceil(800).max(1);
     let points = record.position_m.iter().zip(record.force_n.iter().zip(&model_n)).step_by(every);
     Ok(ProfileFit {

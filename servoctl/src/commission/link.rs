@@ -12,7 +12,7 @@ use servo_core::profile::Limits;
 use servo_core::record::Selection;
 use servo_core::state::State;
 
-use super::Failure;
+use super::{Event, Failure};
 use crate::link::Capture;
 
 /// What a drive can be told to do.
@@ -98,6 +98,11 @@ pub trait Link {
     /// # Errors
     /// That of the line.
     fn wait(&mut self, seconds: f64) -> Result<(), Failure>;
+    /// Looks for the motor's electrical zero, bridge off before and after; the parameters in use afterwards.
+    ///
+    /// # Errors
+    /// As for [`Link::configure`]; the fault of an alignment that failed.
+    fn align(&mut self, stop: &AtomicBool) -> Result<Settings, Failure>;
     /// Stores the parameters in use; the bridge is off.
     ///
     /// # Errors
@@ -120,9 +125,16 @@ pub struct Session<'a> {
     pub stop: &'a AtomicBool,
     /// Parameters in use.
     pub settings: Settings,
+    /// Is told how far it is.
+    pub said: &'a mut dyn FnMut(Event),
 }
 
 impl Session<'_> {
+    /// Tells that `done` parts of `of` are done.
+    pub fn done(&mut self, done: usize, of: usize) {
+        (self.said)(Event::Done(done as u32, of as u32));
+    }
+
     /// Puts parameters into use.
     ///
     /// # Errors
@@ -224,24 +236,24 @@ impl Session<'_> {
         Ok(())
     }
 
-    /// Plays an excitation to its end, or until the drive ends it.
-    ///
-    /// # Errors
-    /// The drive's refusal, a fault.
-    pub fn play(&mut self, request: &measure::Request) -> Result<Reading, Failure> {
-        self.link.order(&Order::Excite(*request))?;
-        self.until("the end of an excitation", |s| {
-            let reading = s.link.reading()?;
-            Ok((reading.progress != Progress::Running).then_some(reading))
-        })
-    }
-
     /// Plays an excitation that has to come to its end.
     ///
     /// # Errors
-    /// As for [`Session::play`]; [`Failure::Limit`].
+    /// The drive's refusal, a fault; [`Failure::Limit`].
     pub fn measure(&mut self, request: &measure::Request) -> Result<Reading, Failure> {
-        let reading = self.play(request)?;
+        self.link.order(&Order::Excite(*request))?;
+        self.complete()
+    }
+
+    /// Waits for the end of the excitation under way, which has to be its own.
+    ///
+    /// # Errors
+    /// A fault; [`Failure::Limit`].
+    pub fn complete(&mut self) -> Result<Reading, Failure> {
+        let reading = self.until("the end of an excitation", |s| {
+            let reading = s.link.reading()?;
+            Ok((reading.progress != Progress::Running).then_some(reading))
+        })?;
         match reading.progress {
             Progress::Complete => Ok(reading),
             Progress::Exceeded(limit) => Err(Failure::Limit(limit)),
@@ -255,29 +267,35 @@ impl Session<'_> {
     /// # Errors
     /// The drive's refusal, a fault.
     pub fn capture(&mut self, order: &Order, length_s: f64, every_ticks: u32) -> Result<Vec<Sample>, Failure> {
-        let captured = self.capture_words(Selection::ERROR_POSITION_FORCE, order, length_s, every_ticks)?;
-        let [error_ct, position_ct, force_n] =
-            ["error_ct", "position_low_ct", "force_n"].map(|name| column(&captured, name));
-        let (position_ct, count_m) = (position_ct?, self.settings.encoder_count_m);
-        let samples =
-            error_ct?.into_iter().zip(force_n?).zip(&position_ct).map(|((error_ct, force_n), at_ct)| Sample {
-                error_m: error_ct * count_m,
-                // The low word of the position may turn over.
-                position_m: f64::from((*at_ct as i32).wrapping_sub(position_ct[0] as i32)) * count_m,
-                force_n,
-            });
+        let names = ["error_ct", "position_low_ct", "force_n"];
+        let [error_ct, position_ct, force_n] = self.signals(names, order, length_s, every_ticks)?;
+        let count_m = self.settings.encoder_count_m;
+        let samples = error_ct
+            .into_iter()
+            .zip(force_n)
+            .zip(from_first(&position_ct))
+            .map(|((error_ct, force_n), ct)| Sample { error_m: error_ct * count_m, position_m: ct * count_m, force_n });
         Ok(samples.collect())
     }
 
-    /// [`Session::capture`] of the error alone, m: a third of the words.
+    /// [`Session::capture`] of other signals, by their names in [`COLUMNS`](servo_core::record::COLUMNS) and in their units.
     ///
     /// # Errors
     /// The drive's refusal, a fault.
-    pub fn errors_m(&mut self, order: &Order, length_s: f64, every_ticks: u32) -> Result<Vec<f64>, Failure> {
-        const ERROR: &str = "error_ct";
-        let words = Selection::named([ERROR]).ok_or(Failure::Missing(ERROR))?;
+    pub fn signals<const N: usize>(
+        &mut self,
+        names: [&'static str; N],
+        order: &Order,
+        length_s: f64,
+        every_ticks: u32,
+    ) -> Result<[Vec<f64>; N], Failure> {
+        let words = Selection::named(names).ok_or(Failure::Missing("one of the signals"))?;
         let captured = self.capture_words(words, order, length_s, every_ticks)?;
-        Ok(column(&captured, ERROR)?.into_iter().map(|error_ct| error_ct * self.settings.encoder_count_m).collect())
+        let mut columns = [const { Vec::new() }; N];
+        for (values, name) in columns.iter_mut().zip(names) {
+            *values = column(&captured, name)?;
+        }
+        Ok(columns)
     }
 
     fn capture_words(
@@ -319,4 +337,11 @@ impl Session<'_> {
 
 fn column(capture: &Capture, name: &'static str) -> Result<Vec<f64>, Failure> {
     capture.column(name).ok_or(Failure::Missing(name))
+}
+
+/// Counts against the first of them; the low word of a position may turn over.
+pub fn from_first(position_low_ct: &[f64]) -> impl Iterator<Item = f64> {
+    let low = |ct: f64| ct as i64 as u32;
+    let first = position_low_ct.first().map_or(0, |ct| low(*ct));
+    position_low_ct.iter().map(move |ct| f64::from(low(*ct).wrapping_sub(first) as i32))
 }

@@ -3,16 +3,21 @@
 use servo_core::SERVO_HZ;
 use servo_core::cascade::{CascadeGains, ParallelGains};
 use servo_core::config::Compensator;
-use servo_core::measure::{self, Node, Reading, Request, Shape};
+use servo_core::measure::{Node, Shape};
 use servo_core::parameters::Settings;
-use servo_core::profile::Limits;
+use servo_core::refusal::Refusal;
 use servo_ident::filter;
-use servo_ident::frf::{self, Complex64, Point};
-use servo_ident::tuning::{self, Pid, STANDARD, Stability};
+use servo_ident::frf::{self, Point};
+use servo_ident::tuning::{self, Pid, Stability, Wish};
 
 use super::link::{Order, Session};
+use super::sweep::{self, Bounds, Carrier, Tone, logarithmic, sweep};
 use super::{Failure, Found, fit};
 
+/// Crossover frequencies that can be wished for, Hz: inside the sweep, with a factor of five to its upper end.
+pub const CROSSOVER_HZ: [f64; 2] = [40.0, 400.0];
+/// Phase margins that can be wished for, degrees: from the least that is accepted on.
+pub const PHASE_MARGIN_DEG: [f64; 2] = [tuning::PHASE_MARGIN_DEG, 65.0];
 /// Gains to begin with: about 50 Hz on 1.5 kg, and stable from half to twice of it.
 const CAUTIOUS: Pid = Pid { kp_n_per_m: 1.2e5, ki_n_per_m_s: 1e6, kd_n_s_per_m: 500.0 };
 /// How long the current is looked at, s.
@@ -28,14 +33,12 @@ const PUSH_S: f32 = 0.02;
 const SWEEP_HZ: [f64; 2] = [20.0, 2_000.0];
 const SWEEP_POINTS: usize = 28;
 /// Speed of the slow move that carries the sweep, m/s.
-const CARRIER_M_PER_S: f32 = 10e-3;
+const CARRIER_M_PER_S: f64 = 10e-3;
 /// Speed of the sweep against that of the carrier, for a stage of [`LIGHTEST_KG`]: friction keeps its direction.
 const SWEEP_SHARE: f64 = 0.3;
 const LIGHTEST_KG: f64 = 0.8;
 /// Largest force of the sweep, N.
 const SWEEP_MAX_N: f64 = 4.0;
-/// Length of a tone's measured part and of its lead, s.
-const TONE_S: [f32; 2] = [0.2, 0.1];
 /// Where a free mass is expected to show, Hz.
 const MASS_BAND_HZ: [f64; 2] = [60.0, 300.0];
 /// Height of a resonance that is told, dB.
@@ -49,14 +52,8 @@ const FAMILY_POINTS: usize = 18;
 pub const SAMPLE_S: f64 = 1.0 / SERVO_HZ as f64;
 
 /// Limits of every excitation.
-pub fn bounded(shape: Shape, settings: &Settings) -> Request {
-    Request {
-        shape,
-        node: Node::Force,
-        travel_m: 0.1,
-        speed_m_per_s: 0.1,
-        current_a: (0.9 * settings.current_limit_a) as f32,
-    }
+pub fn bounds(settings: &Settings) -> Bounds {
+    Bounds { node: Node::Force, travel_m: 0.1, speed_m_per_s: 0.1, current_a: (0.9 * settings.current_limit_a) as f32 }
 }
 
 /// Bridge off: what the current reads without one.
@@ -71,19 +68,38 @@ pub fn offsets(session: &mut Session, found: &mut Found) -> Result<String, Failu
     Ok(format!("offset of the current {:.2} mA", offset_a * 1e3))
 }
 
+/// Asks the drive whether it can commutate; if not, the motor is aligned. Cautious gains: the loops are closed for an instant.
+pub fn alignment(session: &mut Session, found: &mut Found) -> Result<String, Failure> {
+    let settings = with_gains(&session.settings, &CAUTIOUS)?;
+    session.configure(settings)?;
+    session.link.order(&Order::Compensator(Compensator::None))?;
+    session.look()?;
+    let refused = session.link.order(&Order::Enable);
+    if let Err(Failure::Refused(Refusal::NotAligned(_))) = refused {
+        session.settings = session.link.align(session.stop)?;
+        session.look()?;
+        found.electrical_zero_m = Some(session.settings.commutation_offset_m);
+        return Ok(format!("found at {:.3} mm", session.settings.commutation_offset_m * 1e3));
+    }
+    refused?;
+    session.link.order(&Order::Disable)?;
+    Ok("known for this encoder".to_owned())
+}
+
 /// Cautious gains, loops closed: noise at rest, then a push that has to move the stage its way.
 pub fn safety(session: &mut Session, found: &mut Found) -> Result<String, Failure> {
     let settings = with_gains(&session.settings, &CAUTIOUS)?;
     session.configure(settings)?;
     session.link.order(&Order::Compensator(Compensator::None))?;
     session.enable()?;
-    let rest = bounded(Shape::Pulse { amplitude: 0.0, length_s: 0.25 }, &settings);
+    let rest = bounds(&settings).around(Shape::Pulse { amplitude: 0.0, length_s: 0.25 });
     let samples = session.capture(&Order::Excite(rest), 0.2, 1)?;
     let errors_m: Vec<f64> = samples.iter().map(|sample| sample.error_m).collect();
     let noise_m = filter::noise_rms(&errors_m);
     fit("noise / m rms", noise_m, 0.0, NOISE_MAX_M, "the encoder's signal is not good enough")?;
     found.noise_m = Some(noise_m);
-    let push = Request { travel_m: 0.5e-3, ..bounded(Shape::Pulse { amplitude: PUSH_N, length_s: PUSH_S }, &settings) };
+    let push = Bounds { travel_m: 0.5e-3, ..bounds(&settings) };
+    let push = push.around(Shape::Pulse { amplitude: PUSH_N, length_s: PUSH_S });
     let samples = session.capture(&Order::Excite(push), f64::from(PUSH_S), 1)?;
     let way_m = samples
         .iter()
@@ -99,28 +115,13 @@ pub fn safety(session: &mut Session, found: &mut Found) -> Result<String, Failur
 /// The plant by stepped sine while a slow move keeps friction sliding.
 pub fn plant(session: &mut Session, found: &mut Found) -> Result<String, Failure> {
     let settings = session.settings;
-    let limits = Limits { velocity_m_per_s: CARRIER_M_PER_S, acceleration_m_per_s2: 0.5, jerk_m_per_s3: None };
-    let middle_m = 0.5 * (settings.travel_max_m + settings.travel_min_m);
-    let reach_m = 0.3 * (settings.travel_max_m - settings.travel_min_m);
-    let tone_s = f64::from(TONE_S[0] + TONE_S[1]) + 0.1;
-    session.move_to(middle_m - reach_m, Limits { velocity_m_per_s: 0.1, ..limits })?;
-    let mut target_m = middle_m - reach_m;
-    let mut plant = Vec::new();
-    for hz in logarithmic(SWEEP_HZ, SWEEP_POINTS) {
-        let left_m = (target_m - session.look()?.position_m).abs();
-        if left_m < 2.0 * tone_s * f64::from(CARRIER_M_PER_S) {
-            // The end of the travel is near: on in the other direction.
-            session.rest()?;
-            target_m = 2.0 * middle_m - target_m;
-            session.link.order(&Order::Move { target_m, limits })?;
-            session.wait(0.2)?;
-        }
-        let speed = SWEEP_SHARE * f64::from(CARRIER_M_PER_S);
-        let amplitude_n = (LIGHTEST_KG * std::f64::consts::TAU * hz * speed).min(SWEEP_MAX_N);
-        let reading = session.measure(&bounded(tone(amplitude_n, hz), &settings))?;
-        plant.push(plant_point(&reading, settings.encoder_count_m));
-    }
-    session.rest()?;
+    let speed = SWEEP_SHARE * CARRIER_M_PER_S;
+    let amplitude_n = |hz: f64| (LIGHTEST_KG * std::f64::consts::TAU * hz * speed).min(SWEEP_MAX_N);
+    let tones: Vec<Tone> =
+        logarithmic(SWEEP_HZ, SWEEP_POINTS).map(|hz| Tone { hz, amplitude: amplitude_n(hz) }).collect();
+    let mut carrier = Carrier::begin(session, CARRIER_M_PER_S)?;
+    let readings = sweep(session, &tones, &bounds(&settings), Some(&mut carrier), (0, SWEEP_POINTS))?;
+    let plant: Vec<Point> = readings.iter().map(|reading| sweep::plant(reading, settings.encoder_count_m)).collect();
     let mass_kg = frf::mass_kg(&plant, MASS_BAND_HZ)?;
     found.resonances = frf::resonances(&plant, PROMINENCE_DB)?;
     found.mass_kg = Some(mass_kg);
@@ -131,32 +132,33 @@ pub fn plant(session: &mut Session, found: &mut Found) -> Result<String, Failure
 }
 
 /// Gains for the wanted loop, then the loop itself at large and small amplitudes.
-pub fn tuning(session: &mut Session, found: &mut Found) -> Result<String, Failure> {
+pub fn tuning(session: &mut Session, found: &mut Found, wish: &Wish) -> Result<String, Failure> {
     if found.plant.is_empty() {
         return Err(Failure::Missing("the plant"));
     }
-    let pid = tuning::pid(&found.plant, &STANDARD, SAMPLE_S)?;
+    found.wish = Some(*wish);
+    let pid = tuning::pid(&found.plant, wish, SAMPLE_S)?;
     Stability::of(0.0, &tuning::loop_transmission(&found.plant, &pid, SAMPLE_S)).check()?;
     let settings = with_gains(&session.settings, &pid)?;
     session.configure(settings)?;
     session.enable()?;
     (found.loops, found.family) = (Vec::new(), Vec::new());
-    for amplitude_n in FAMILY_N {
-        let mut points = Vec::new();
-        for hz in logarithmic(SWEEP_HZ, FAMILY_POINTS) {
-            let reading = session.measure(&bounded(tone(amplitude_n, hz), &settings))?;
-            let value = -complex(reading.before) / complex(reading.after);
-            points.push(Point { frequency_hz: reading.frequency_hz, value });
-        }
-        let stability = Stability::of(amplitude_n, &points);
-        found.loops.push((amplitude_n, points));
+    for amplitude in FAMILY_N {
+        let tones: Vec<Tone> = logarithmic(SWEEP_HZ, FAMILY_POINTS).map(|hz| Tone { hz, amplitude }).collect();
+        let parts = (found.loops.len() * FAMILY_POINTS, FAMILY_N.len() * FAMILY_POINTS);
+        let readings = sweep(session, &tones, &bounds(&settings), None, parts)?;
+        let points: Vec<Point> = readings.iter().map(sweep::loop_transmission).collect();
+        let stability = Stability::of(amplitude, &points);
+        found.loops.push((amplitude, points));
         found.family.push(stability);
         stability.check()?;
     }
     found.gains = Some(pid);
     let margins = found.family[0].margins.ok_or(Failure::Missing("the crossover at the largest amplitude"))?;
     Ok(format!(
-        "k_P {:.3e} N/m, k_I {:.3e} N/(m s), k_D {:.0} N s/m; measured {:.1} Hz, {:.1}°; stable from {} to {} N",
+        "for {} Hz and {}°: k_P {:.3e} N/m, k_I {:.3e} N/(m s), k_D {:.0} N s/m; measured {:.1} Hz, {:.1}°; stable from {} to {} N",
+        wish.crossover_hz,
+        wish.phase_margin_deg,
         pid.kp_n_per_m,
         pid.ki_n_per_m_s,
         pid.kd_n_s_per_m,
@@ -177,22 +179,4 @@ fn with_gains(settings: &Settings, pid: &Pid) -> Result<Settings, Failure> {
         velocity_integral_per_s: cascade.integral_per_s,
         ..*settings
     })
-}
-
-fn tone(amplitude_n: f64, hz: f64) -> Shape {
-    Shape::Tone { amplitude: amplitude_n as f32, frequency_hz: hz as f32, measure_s: TONE_S[0], lead_s: TONE_S[1] }
-}
-
-fn plant_point(reading: &Reading, count_m: f64) -> Point {
-    let value = complex(reading.position_ct) / complex(reading.after) * count_m;
-    Point { frequency_hz: reading.frequency_hz, value }
-}
-
-fn complex(value: measure::Complex) -> Complex64 {
-    Complex64::new(value.re, value.im)
-}
-
-/// `count` frequencies from the first to the last, in equal ratios.
-fn logarithmic([first, last]: [f64; 2], count: usize) -> impl Iterator<Item = f64> {
-    (0..count).map(move |i| first * libm::pow(last / first, i as f64 / (count - 1) as f64))
 }

@@ -6,6 +6,7 @@
 //! | step | from | to |
 //! |---|---|---|
 //! | [`Step::Offsets`] | bridge off | offset of the current |
+//! | [`Step::Alignment`] | a motor that nobody has aligned | its electrical zero |
 //! | [`Step::Safety`] | cautious gains | noise, and that a force moves the stage its way |
 //! | [`Step::Plant`] | tones on a slow move | plant, mass, resonances |
 //! | [`Step::Tuning`] | plant | gains; margins over amplitudes |
@@ -23,6 +24,7 @@ pub mod page;
 mod simulated;
 pub mod stages;
 mod summary;
+pub mod sweep;
 mod verification;
 
 use std::collections::BTreeMap;
@@ -34,11 +36,13 @@ use servo_core::measure::Exceeded;
 use servo_core::parameters::{Parameter, Settings, TABLE};
 use servo_core::refusal::Refusal;
 use servo_ident::DataError;
-use servo_ident::frf::{Point, Resonance};
-use servo_ident::tuning::{Niasa, Pid, Stability};
+use servo_ident::frf::{Point, Resonance, SecondOrder};
+use servo_ident::length_scale::Extreme;
+use servo_ident::tuning::{Niasa, Pid, STANDARD, Stability, Wish};
 
 pub use friction::ProfileFit;
-pub use link::{Link, Order, Sample, Session, Status};
+pub use link::{Link, Order, Sample, Session, Status, from_first};
+pub use loops::{CROSSOVER_HZ, PHASE_MARGIN_DEG};
 pub use on_line::OnLine;
 pub use simulated::{Simulated, data_sheet};
 pub use summary::{Many, Summary};
@@ -106,6 +110,8 @@ fn fit(what: &'static str, value: f64, min: f64, max: f64, why: &'static str) ->
 pub enum Step {
     /// Offset of the current, bridge off.
     Offsets,
+    /// Electrical zero of the motor, if the drive does not know it.
+    Alignment,
     /// Noise at rest; a force moves the stage its way.
     Safety,
     /// Plant, mass, resonances.
@@ -126,8 +132,9 @@ pub enum Step {
 
 impl Step {
     /// All of them.
-    pub const ALL: [Step; 9] = [
+    pub const ALL: [Step; 10] = [
         Step::Offsets,
+        Step::Alignment,
         Step::Safety,
         Step::Plant,
         Step::Tuning,
@@ -138,13 +145,19 @@ impl Step {
         Step::Save,
     ];
 
+    /// As it is typed.
+    pub fn name(self) -> String {
+        clap::ValueEnum::to_possible_value(&self).map_or_else(String::new, |value| value.get_name().to_owned())
+    }
+
     /// What it does, for a person.
     pub fn purpose(self) -> &'static str {
         match self {
             Step::Offsets => "offset of the current, bridge off",
+            Step::Alignment => "electrical zero of the motor, if the drive does not know it",
             Step::Safety => "noise at rest, and a small force that has to move the stage its way",
             Step::Plant => "plant by stepped sine on a slow move",
-            Step::Tuning => "gains for 100 Hz and 45°, then margins at large and small amplitudes",
+            Step::Tuning => "gains for the wanted loop, then its margins at large and small amplitudes",
             Step::LengthScale => "where friction begins to rule, from the extremes after a step",
             Step::Friction => "friction by decaying sines at several places",
             Step::Niasa => "parameters of NIASA",
@@ -153,12 +166,35 @@ impl Step {
         }
     }
 
-    fn run(self, session: &mut Session, found: &mut Found) -> Result<String, Failure> {
+    /// Why it may refuse, for a person.
+    pub fn refuses_if(self) -> &'static str {
+        match self {
+            Step::Offsets => "the offset is more than 1 % of the converter's range",
+            Step::Alignment => "phases, encoder or stage are not as they have to be: the drive says which",
+            Step::Safety => "the noise is above 100 nm, or the stage does not move the way of the force",
+            Step::Plant => "travel, speed or current leave their bounds, or what moves is no mass",
+            Step::Tuning => {
+                "no gains give the wanted loop, or at some amplitude the phase margin is below 30° or the gain margin below 6 dB"
+            }
+            Step::LengthScale => "the closed loop is not near one of second order",
+            Step::Friction => {
+                "the stage does not move far enough, the data are not good enough, or the result cannot be friction of guides"
+            }
+            Step::Niasa => "a value is outside the parameter's range",
+            Step::Verification => {
+                "a move does not settle with NIASA, the axis is not at rest, or NIASA saves less than 60 % of the settling time"
+            }
+            Step::Save => "the flash fails",
+        }
+    }
+
+    fn run(self, session: &mut Session, found: &mut Found, wish: &Wish) -> Result<String, Failure> {
         match self {
             Step::Offsets => loops::offsets(session, found),
+            Step::Alignment => loops::alignment(session, found),
             Step::Safety => loops::safety(session, found),
             Step::Plant => loops::plant(session, found),
-            Step::Tuning => loops::tuning(session, found),
+            Step::Tuning => loops::tuning(session, found, wish),
             Step::LengthScale => friction::length_scale(session, found),
             Step::Friction => friction::friction(session, found),
             Step::Niasa => friction::niasa(session, found),
@@ -176,6 +212,8 @@ pub struct Found {
     pub done: Vec<(Step, String)>,
     /// Offset of the current (A).
     pub current_offset_a: Option<f64>,
+    /// The electrical zero that was looked for (m); nothing if the drive knew it.
+    pub electrical_zero_m: Option<f64>,
     /// Noise of the position (m rms).
     pub noise_m: Option<f64>,
     /// Plant: position over force (m/N).
@@ -184,16 +222,24 @@ pub struct Found {
     pub mass_kg: Option<f64>,
     /// Resonances of the plant.
     pub resonances: Vec<Resonance>,
+    /// The loop that was wished for.
+    pub wish: Option<Wish>,
     /// Gains.
     pub gains: Option<Pid>,
     /// Loop transmission at each amplitude (N), largest first.
     pub loops: Vec<(f64, Vec<Point>)>,
     /// Their margins.
     pub family: Vec<Stability>,
+    /// The closed loop at the largest amplitude as one of second order (5.2).
+    pub closed_loop: Option<SecondOrder>,
+    /// Extremes after the step that looks for the length scale.
+    pub extremes: Vec<Extreme>,
     /// Where friction begins to rule (m); nothing if the step showed none.
     pub length_scale_m: Option<f64>,
     /// Friction at each place.
     pub profiles: Vec<ProfileFit>,
+    /// Whether Maxwell slip describes friction so much better than Dahl's model that it is needed, at most of the places.
+    pub needs_maxwell: Option<bool>,
     /// σ, the median of the places (N/m).
     pub sigma_n_per_m: Option<f64>,
     /// F_C, the median of the places (N).
@@ -227,23 +273,53 @@ impl Found {
     }
 }
 
-/// Does the steps from `from` on; `said` is told of each. However it ends, the bridge is off.
+/// What is to be done.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Plan {
+    /// Parameters to begin with.
+    pub settings: Settings,
+    /// The loop that is wanted.
+    pub wish: Wish,
+    /// The first step.
+    pub from: Step,
+}
+
+impl Plan {
+    /// All steps, to the thesis' standard tuning.
+    pub fn new(settings: Settings) -> Plan {
+        Plan { settings, wish: STANDARD, from: Step::Offsets }
+    }
+}
+
+/// What is told on the way.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Event<'a> {
+    /// A step begins.
+    Begins(Step),
+    /// So many parts of what is under way are done, of so many.
+    Done(u32, u32),
+    /// A step has ended: what it found, or why it refuses.
+    Ended(Step, &'a Result<String, Failure>),
+}
+
+/// Does the steps of `plan`; `said` is told of each. However it ends, the bridge is off.
 ///
 /// # Errors
 /// Which step ended it, and why.
 pub fn run(
     link: &mut dyn Link,
-    settings: &Settings,
+    plan: &Plan,
     found: &mut Found,
-    from: Step,
     stop: &AtomicBool,
-    mut said: impl FnMut(Step, &Result<String, Failure>),
+    said: &mut dyn FnMut(Event),
 ) -> Result<(), (Step, Failure)> {
-    let mut session = Session { link, stop, settings: *settings };
-    let result = begin(&mut session, found).map_err(|failure| (from, failure)).and_then(|()| {
-        for step in Step::ALL.into_iter().filter(|step| *step >= from) {
-            let result = step.run(&mut session, found);
-            said(step, &result);
+    let mut session = Session { link, stop, settings: plan.settings, said };
+    found.done.retain(|(step, _)| *step < plan.from);
+    let result = begin(&mut session, found).map_err(|failure| (plan.from, failure)).and_then(|()| {
+        for step in Step::ALL.into_iter().filter(|step| *step >= plan.from) {
+            (session.said)(Event::Begins(step));
+            let result = step.run(&mut session, found, &plan.wish);
+            (session.said)(Event::Ended(step, &result));
             let words = result.map_err(|failure| (step, failure))?;
             found.done.push((step, words));
             found.parameters = TABLE.iter().map(|row| (row.name.to_owned(), row.get(&session.settings))).collect();

@@ -1,5 +1,7 @@
 //! A drive on the line, real or virtual, as a link.
 
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use servo_core::SERVO_HZ;
 use servo_core::capture;
 use servo_core::measure::Reading;
@@ -34,6 +36,11 @@ impl OnLine {
     pub fn new(mut drive: Drive) -> Result<(OnLine, Settings), Failure> {
         let settings = drive.parameters()?;
         Ok((OnLine { drive, count_m: settings.encoder_count_m }, settings))
+    }
+
+    /// The drive.
+    pub fn drive(&self) -> &Drive {
+        &self.drive
     }
 
     /// Makes a drive whose parameters nobody has saved ready to be commissioned: these are in use and stored, and its fault is
@@ -101,6 +108,11 @@ impl Link for OnLine {
 
     fn wait(&mut self, seconds: f64) -> Result<(), Failure> {
         Ok(self.drive.wait((seconds * f64::from(SERVO_HZ)).ceil() as u32)?)
+    }
+
+    fn align(&mut self, stop: &AtomicBool) -> Result<Settings, Failure> {
+        self.drive.align(|| !stop.load(Ordering::Relaxed))?;
+        Ok(self.drive.parameters()?)
     }
 
     fn save(&mut self) -> Result<(), Failure> {

@@ -1,5 +1,7 @@
 //! A simulated drive on a simulated stage, as a link.
 
+use std::sync::atomic::AtomicBool;
+
 use servo_core::capture::{self, Capture};
 use servo_core::config::Config;
 use servo_core::drive::{self, Command};
@@ -60,10 +62,18 @@ impl Simulated {
     /// # Errors
     /// A stage that the drive's parameters cannot describe.
     pub fn new(stage: &Stage, seed: u64) -> Result<Simulated, Refusal> {
-        let settings = data_sheet(stage)?;
+        let known = data_sheet(stage)?;
+        Simulated::with_parameters(stage, &Settings { commutation_identity: known.encoder_identity, ..known }, seed)
+    }
+
+    /// A drive that starts with these parameters, at rest with the bridge off.
+    ///
+    /// # Errors
+    /// Parameters out of range.
+    pub fn with_parameters(stage: &Stage, settings: &Settings, seed: u64) -> Result<Simulated, Refusal> {
         let mut simulated = Simulated {
-            bench: FastBench::new(stage, &settings, seed)?,
-            settings,
+            bench: FastBench::new(stage, settings, seed)?,
+            settings: *settings,
             capture: Capture::default(),
             words: Vec::new(),
             last: TickRecord::default(),
@@ -162,6 +172,11 @@ impl Link for Simulated {
             self.tick(None)?;
         }
         Ok(())
+    }
+
+    /// There is no motor whose zero could be unknown: the force is what the drive asks for.
+    fn align(&mut self, _: &AtomicBool) -> Result<Settings, Failure> {
+        Ok(self.settings)
     }
 
     fn save(&mut self) -> Result<(), Failure> {

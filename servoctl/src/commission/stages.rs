@@ -5,19 +5,27 @@ use std::sync::atomic::AtomicBool;
 
 use rayon::prelude::*;
 use serde::Serialize;
+use servo_core::parameters::Settings;
+use servo_core::profile::Limits;
 use servo_core::refusal::Refusal;
 use servo_ident::maxwell::Element;
+use servo_ident::tuning::Wish;
 use servo_sim::friction::{self, MaxwellSlip};
 use servo_sim::random::{Noise, Purpose};
 use servo_sim::stage::FrictionModel;
 use servo_sim::{Stage, StageError};
 
-use super::{Found, Simulated, Step, run};
+use super::{Failure, Found, Plan, Session, Simulated, Step, run};
 
 /// Ranges that mass (kg), σ (N/µm) and F_C (N) are drawn from, evenly.
 pub const RANGES: [[f64; 2]; 3] = [[0.8, 3.0], [4.0, 17.0], [0.3, 1.1]];
 /// The stage with the friction of table 4 (generalised Maxwell slip); it comes first of those drawn.
 const GMS_TOML: &str = include_str!("../../../sim/stages/gms-table-4.toml");
+
+/// Time in which a drive that starts with what was saved comes to rest, s, and its largest error then, m: several times the noise.
+const REST_S: f64 = 0.5;
+const MOVE_M: f64 = 5e-3;
+const REST_MAX_M: f64 = 20e-9;
 
 /// How a stage was commissioned.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -36,8 +44,8 @@ pub struct Commissioned {
     pub true_elements: Vec<Element>,
     /// The step that ended it, and why; nothing if all were done.
     pub ended: Option<(Step, String)>,
-    /// Whether the bridge was off afterwards, and the stage at rest.
-    pub safe: bool,
+    /// What is not safe about how it ended; nothing if all is well.
+    pub unsafe_end: Option<String>,
     /// What was found.
     pub found: Found,
 }
@@ -68,11 +76,18 @@ pub fn stage(seed: u64, index: u64) -> Result<Stage, StageError> {
 ///
 /// # Errors
 /// A stage that the drive's parameters cannot describe.
-pub fn commission(name: String, stage: &Stage, seed: u64, stop: &AtomicBool) -> Result<Commissioned, Refusal> {
+pub fn commission(
+    name: String,
+    stage: &Stage,
+    wish: Wish,
+    seed: u64,
+    stop: &AtomicBool,
+) -> Result<Commissioned, Refusal> {
     let mut link = Simulated::new(stage, seed)?;
     let (settings, mut found) = (*link.settings(), Found::default());
-    let ended = run(&mut link, &settings, &mut found, Step::Offsets, stop, |_, _| ()).err();
+    let ended = run(&mut link, &Plan { wish, ..Plan::new(settings) }, &mut found, stop, &mut |_| ()).err();
     Ok(Commissioned {
+        unsafe_end: unsafe_end(&mut link, stage, &found, ended.is_some(), seed),
         name,
         model: format!("{:?}", stage.friction.model),
         true_mass_kg: stage.mechanics.mass_kg,
@@ -80,9 +95,45 @@ pub fn commission(name: String, stage: &Stage, seed: u64, stop: &AtomicBool) -> 
         true_coulomb_n: stage.friction.coulomb_n,
         true_elements: elements(stage),
         ended: ended.map(|(step, failure)| (step, failure.to_string())),
-        safe: !link.bridge_is_on() && link.is_at_rest(),
         found,
     })
+}
+
+/// What is not safe about how a commissioning ended: the bridge is on, the stage moves, steps are missing without a refusal, or a drive that
+/// starts with what was saved does not come to rest.
+pub fn unsafe_end(link: &mut Simulated, stage: &Stage, found: &Found, refused: bool, seed: u64) -> Option<String> {
+    if link.bridge_is_on() {
+        return Some("the bridge is on".to_owned());
+    }
+    if !link.is_at_rest() {
+        return Some("the stage moves".to_owned());
+    }
+    if refused {
+        return None;
+    }
+    if !found.done.iter().map(|(step, _)| *step).eq(Step::ALL) {
+        return Some("steps are missing without a refusal".to_owned());
+    }
+    let Some(saved) = link.saved else { return Some("nothing was saved".to_owned()) };
+    match error_at_rest_m(stage, &saved, seed) {
+        Ok(error_m) if error_m <= REST_MAX_M => None,
+        Ok(error_m) => Some(format!("oscillates: {:.0} nm after a restart", error_m * 1e9)),
+        Err(failure) => Some(format!("after a restart: {failure}")),
+    }
+}
+
+/// Largest error of a drive that starts with these parameters, in half a second that begins half a second after a move, m.
+fn error_at_rest_m(stage: &Stage, saved: &Settings, seed: u64) -> Result<f64, Failure> {
+    let mut link = Simulated::with_parameters(stage, saved, seed)?;
+    let stop = AtomicBool::new(false);
+    let mut session = Session { link: &mut link, stop: &stop, settings: *saved, said: &mut |_| () };
+    session.enable()?;
+    let limits = Limits { velocity_m_per_s: 0.2, acceleration_m_per_s2: 1.0, jerk_m_per_s3: None };
+    let from_m = session.look()?.position_m;
+    session.move_to(from_m + MOVE_M, limits)?;
+    session.wait(REST_S)?;
+    let errors_ct = session.signal("error_ct", REST_S)?;
+    Ok(errors_ct.iter().fold(0.0, |far: f64, ct| far.max(ct.abs())) * saved.encoder_count_m)
 }
 
 /// The parallel elements of a stage's friction.
@@ -107,6 +158,7 @@ fn elements(stage: &Stage) -> Vec<Element> {
 pub fn commission_all(
     seed: u64,
     stages: std::ops::Range<u64>,
+    wish: Wish,
     stop: &AtomicBool,
     finished: impl Fn() + Sync,
 ) -> Result<Vec<Commissioned>, String> {
@@ -114,7 +166,7 @@ pub fn commission_all(
         .into_par_iter()
         .map(|index| {
             let stage = stage(seed, index).map_err(|error| error.to_string())?;
-            let done = commission(index.to_string(), &stage, seed.wrapping_add(index), stop);
+            let done = commission(index.to_string(), &stage, wish, seed.wrapping_add(index), stop);
             finished();
             done.map_err(|refusal| refusal.to_string())
         })

@@ -19,7 +19,7 @@ pub struct Summary {
     pub tried: usize,
     /// Commissioned to the end.
     pub succeeded: usize,
-    /// Ended with the bridge on, or with the axis in motion.
+    /// Ended with the bridge on, in motion, without a report, or with saved parameters that oscillate.
     pub unsafe_ends: usize,
     /// Least gain of NIASA of a stage that succeeded (%).
     pub least_gain_percent: Option<f64>,
@@ -31,6 +31,8 @@ pub struct Summary {
     pub covered_percent: Option<[f64; 2]>,
     /// Number of these intervals of each.
     pub intervals: usize,
+    /// Stages whose model of friction was told, and of these those where it was the right one.
+    pub models_told: [usize; 2],
     /// Fitted loop against the true one of a stage with parallel elements, in F_C, median and worst of the profiles (% rms).
     pub loop_error_percent: Option<[f64; 2]>,
 }
@@ -77,17 +79,20 @@ impl Many {
             })
             .collect();
         let share = |which: usize| 100.0 * inside.iter().filter(|i| i[which]).count() as f64 / inside.len() as f64;
+        let told: Vec<bool> =
+            stages.iter().filter_map(|c| c.found.needs_maxwell.map(|needed| needed != c.is_dahl())).collect();
         let loops = stages.iter().flat_map(Commissioned::loop_errors).map(|error| 100.0 * error).collect();
         let summary = Summary {
             seed,
             tried: stages.len(),
             succeeded: good().count(),
-            unsafe_ends: stages.iter().filter(|c| !c.safe).count(),
+            unsafe_ends: stages.iter().filter(|c| c.unsafe_end.is_some()).count(),
             least_gain_percent: good().filter_map(|c| c.found.gain()).map(|gain| 100.0 * gain).reduce(f64::min),
             sigma_error_percent: errors(|c| percent(c.found.sigma_n_per_m, c.true_sigma_n_per_m)),
             coulomb_error_percent: errors(|c| percent(c.found.coulomb_n, c.true_coulomb_n)),
             covered_percent: (!inside.is_empty()).then(|| [share(0), share(1)]),
             intervals: inside.len(),
+            models_told: [told.len(), told.iter().filter(|right| **right).count()],
             loop_error_percent: median_and_worst(loops),
         };
         Many { summary, stages }
@@ -136,8 +141,14 @@ fn row(c: &Commissioned) -> [String; 13] {
         show(settled.map(|ms| ms[0]), 0),
         show(settled.map(|ms| ms[1]), 0),
         show(found.gain().map(|gain| 100.0 * gain), 0),
-        c.ended.as_ref().map_or_else(String::new, |(step, why)| format!("{step:?}: {why}")),
+        ended(c),
     ]
+}
+
+fn ended(c: &Commissioned) -> String {
+    let refused = c.ended.iter().map(|(step, why)| format!("{step:?}: {why}"));
+    let parts: Vec<String> = refused.chain(c.unsafe_end.iter().map(|why| format!("UNSAFE: {why}"))).collect();
+    parts.join("; ")
 }
 
 impl Summary {
@@ -164,7 +175,9 @@ impl Summary {
                 self.intervals
             );
         }
-        text + &pair("Maxwell slip's loop, rms in F_C", self.loop_error_percent)
+        text += &pair("Maxwell slip's loop, rms in F_C", self.loop_error_percent);
+        let [told, right] = self.models_told;
+        text + &format!("Dahl's model or Maxwell slip: the right one on {right} of {told} stages\n")
     }
 }
 

@@ -13,17 +13,23 @@ use super::{Error, Port};
 /// How long to wait for a reply, and how often to ask.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Patience {
-    /// For one reply.
+    /// For one reply, before the request is sent again.
     pub reply: Duration,
     /// How often a request is sent before it is given up, at least once.
     pub attempts: u32,
+    /// A line on which nothing at all comes for so long is dead, however patient one is with a reply.
+    pub silence: Duration,
 }
 
+/// A pulled cable is to be reported within a second.
+const SILENCE: Duration = Duration::from_millis(750);
+
 impl Patience {
-    /// A drive at a serial port answers within milliseconds; a pulled cable is reported within a second.
-    pub const SERIAL: Patience = Patience { reply: Duration::from_millis(150), attempts: 6 };
-    /// A virtual drive is slower than the clock on the wall, and its computer may have other things to do.
-    pub const VIRTUAL: Patience = Patience { reply: Duration::from_secs(5), attempts: 4 };
+    /// A drive at a serial port answers within milliseconds.
+    pub const SERIAL: Patience = Patience { reply: Duration::from_millis(125), attempts: 6, silence: SILENCE };
+    /// A virtual drive is slower than the clock on the wall, and its computer may have other things to do; it sends an empty frame when it
+    /// has had nothing to say for a tenth of a second.
+    pub const TCP: Patience = Patience { reply: Duration::from_millis(250), attempts: 80, silence: SILENCE };
 }
 
 /// What the line has lost so far.
@@ -42,6 +48,8 @@ pub struct Client {
     collector: Collector,
     next_id: u32,
     losses: Losses,
+    /// When the line last brought anything, or a request was begun.
+    heard: Instant,
     /// Number of the last stream's request, and its blocks that came while something else was waited for.
     stream: Option<u32>,
     blocks: VecDeque<Block>,
@@ -51,6 +59,7 @@ impl Client {
     /// A client that numbers its requests from `first_id`, which nobody may have used at this drive lately: see [`random_id`].
     pub fn new(port: Box<dyn Port>, patience: Patience, first_id: u32) -> Self {
         Client {
+            heard: port.now(),
             port,
             patience,
             collector: Collector::default(),
@@ -71,8 +80,9 @@ impl Client {
     /// # Errors
     /// [`Error::NoReply`]: given up; a command may have been carried out or not. [`Error::Broken`]: the line is gone.
     pub fn request(&mut self, request: &Request) -> Result<Reply, Error> {
-        // A restarted drive has forgotten what it was asked: it would start again.
-        let attempts = if *request == Request::Restart { 1 } else { self.patience.attempts };
+        let Patience { reply, attempts, silence } = self.patience;
+        // A restarted drive has forgotten what it was asked: it would start again. One attempt then, as long as all.
+        let (attempts, reply) = if *request == Request::Restart { (1, reply * attempts) } else { (attempts, reply) };
         let id = self.next_id;
         self.next_id = id.wrapping_add(1);
         if matches!(request, Request::Stream(_)) {
@@ -81,16 +91,20 @@ impl Client {
         }
         let mut buffer = [0; MAX_FRAME];
         let length = frame::encode(id, request, &mut buffer).map_err(|_| Error::TooLong)?;
-        for attempt in 0..attempts {
-            self.losses.repeated += u64::from(attempt > 0);
+        self.heard = self.port.now();
+        let mut sent = 0;
+        while sent < attempts && self.port.now() < self.heard + silence {
+            self.losses.repeated += u64::from(sent > 0);
+            sent += 1;
             // The zero ends whatever noise the drive may hold.
             self.port.send(&[0]).and_then(|()| self.port.send(&buffer[..length])).map_err(Error::Broken)?;
-            if let Some(reply) = self.wait_for(id)? {
+            if let Some(reply) = self.wait_for(id, reply)? {
                 return Ok(reply);
             }
         }
         let endpoint = endpoint::of(request);
-        Err(Error::NoReply { request: endpoint.request, attempts, unknown: endpoint.kind == Kind::Command })
+        let unknown = endpoint.kind == Kind::Command;
+        Err(Error::NoReply { request: endpoint.request, attempts: sent, unknown })
     }
 
     /// The next block of the stream, if one comes in the time of a reply.
@@ -122,11 +136,11 @@ impl Client {
         Ok(())
     }
 
-    fn wait_for(&mut self, id: u32) -> Result<Option<Reply>, Error> {
-        let until = self.port.now() + self.patience.reply;
+    fn wait_for(&mut self, id: u32, patience: Duration) -> Result<Option<Reply>, Error> {
+        let end = self.port.now() + patience;
         loop {
-            let found = self.listen(Some(id), until)?;
-            if found.is_some() || self.port.now() >= until {
+            let found = self.listen(Some(id), end.min(self.heard + self.patience.silence))?;
+            if found.is_some() || self.port.now() >= end.min(self.heard + self.patience.silence) {
                 return Ok(found);
             }
         }
@@ -136,6 +150,9 @@ impl Client {
     fn listen(&mut self, id: Option<u32>, until: Instant) -> Result<Option<Reply>, Error> {
         let mut bytes = [0; 4096];
         let received = self.port.receive(&mut bytes, until).map_err(Error::Broken)?;
+        if received > 0 {
+            self.heard = self.port.now();
+        }
         let mut found = None;
         for byte in &bytes[..received] {
             match self.collector.push::<Reply>(*byte) {

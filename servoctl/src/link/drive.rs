@@ -22,6 +22,12 @@ use super::{Client, Error};
 
 /// A status this much older than the last command comes from a drive that was restarted since, ticks.
 const RESTARTED: u32 = SERVO_HZ / 10;
+/// Longer than any alignment, ticks.
+const ALIGN: u32 = 20 * SERVO_HZ;
+
+/// So often a drive that has been restarted is asked whether its control loop runs, and with such pauses.
+const STARTING_LOOKS: u32 = 100;
+const STARTING_LOOK: Duration = Duration::from_millis(20);
 
 /// A drive that speaks our protocol.
 pub struct Drive {
@@ -141,7 +147,11 @@ impl Drive {
     fn query<T>(&mut self, request: &Request, take: impl FnOnce(Reply) -> Option<T>) -> Result<T, Error> {
         let reply = self.client.request(request)?;
         if let Reply::Refused(refusal) = reply {
-            return Err(Error::Refused { request: endpoint::of(request).request, refusal, state: None });
+            let state = match self.client.request(&Request::Status) {
+                Ok(Reply::Status(status)) => Some(status.state),
+                _ => None,
+            };
+            return Err(Error::Refused { request: endpoint::of(request).request, refusal, state });
         }
         let name = endpoint::name(&reply);
         take(reply).ok_or(Error::Unexpected { request: endpoint::of(request).request, reply: name })
@@ -189,6 +199,23 @@ impl Drive {
     pub fn enable(&mut self) -> Result<Status, Error> {
         self.order(&Request::Enable)?;
         self.wait_until("enabling", 2 * SERVO_HZ, |_| true, |status| status.state == State::OperationEnabled)
+    }
+
+    /// Looks for the motor's electrical zero; the bridge is off when it has ended, and at once when `go_on` returns `false`.
+    /// Whether it was found: the drive's parameters then have it.
+    ///
+    /// # Errors
+    /// A refusal, the fault of an alignment that failed.
+    pub fn align(&mut self, go_on: impl Fn() -> bool) -> Result<bool, Error> {
+        self.order(&Request::Align)?;
+        for torque in [true, false] {
+            self.wait_until("aligning", ALIGN, |_| go_on(), |status| status.state.has_torque() == torque)?;
+        }
+        if go_on() {
+            return Ok(true);
+        }
+        self.order(&Request::Disable)?;
+        Ok(false)
     }
 
     /// How the last move settled.
@@ -317,7 +344,7 @@ impl Drive {
         }
     }
 
-    /// Starts the firmware anew and waits until it answers.
+    /// Starts the firmware anew and waits until it answers and its control loop runs; one that never does is the caller's to see.
     ///
     /// # Errors
     /// A refusal; those of [`Client::request`].
@@ -325,6 +352,12 @@ impl Drive {
         self.order(&Request::Restart)?;
         self.last_tick = 0;
         self.identify()?;
+        for _ in 0..STARTING_LOOKS {
+            if self.status()?.state != State::NotReadyToSwitchOn {
+                break;
+            }
+            self.client.pass(STARTING_LOOK)?;
+        }
         self.status()
     }
 

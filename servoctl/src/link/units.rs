@@ -93,6 +93,14 @@ pub fn jerk(text: &str) -> Result<f64, String> {
     parse(text, "m/s³", false)
 }
 
+/// A frequency, Hz, which may be a number alone; for `clap`.
+///
+/// # Errors
+/// Those of [`parse`].
+pub fn frequency(text: &str) -> Result<f64, String> {
+    parse(text, "Hz", true)
+}
+
 /// A time, s; for `clap`.
 ///
 /// # Errors
@@ -116,6 +124,11 @@ pub fn show_length(length_m: f64) -> String {
         _ => 6,
     };
     format!("{shown:.digits$} {unit}")
+}
+
+/// An encoder's error within its signal period: whole picometres.
+pub fn show_error(error_m: f32) -> String {
+    format!("{:.0} pm", f64::from(error_m) * 1e12)
 }
 
 /// A number in ten digits, with the fewest characters.

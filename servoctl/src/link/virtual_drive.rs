@@ -1,8 +1,11 @@
 //! The virtual drive in the background: found if it runs, else built and started.
 //!
-//! It writes its address to a state file and ends when that file is removed, so that no process has to be hunted.
+//! It writes its address to a state file and ends when that file is removed, so that no process has to be hunted. While it lives it holds a
+//! lock on the file, which the system takes away however the process ends: a file without a lock is what a killed one has left.
 
-use std::io::{BufRead, BufReader};
+use std::fs::{File, TryLockError};
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
@@ -19,6 +22,9 @@ pub const STATE: &str = "SERVO_VIRTUAL_STATE";
 
 /// How long the drive may take to start, after it has been built.
 const START: Duration = Duration::from_secs(120);
+
+/// How long the drive may take to see that its state file is gone.
+const END: Duration = Duration::from_secs(10);
 
 /// What `cargo xtask virtual` prints.
 #[derive(Debug, Deserialize)]
@@ -42,23 +48,61 @@ pub fn log_file() -> PathBuf {
     state_file().with_extension("log")
 }
 
-/// The address of the virtual drive that runs, if one does.
+/// The address of the virtual drive that runs, if one does. What a killed one has left is cleared away.
 pub fn find() -> Option<String> {
-    let address = std::fs::read_to_string(state_file()).ok()?;
+    find_at(&state_file())
+}
+
+fn find_at(state: &Path) -> Option<String> {
+    let mut file = File::open(state).ok()?;
+    match file.try_lock_shared() {
+        // Held by the drive; where there are no locks, the file has to be believed.
+        Err(TryLockError::WouldBlock | TryLockError::Error(_)) => {}
+        Ok(()) => {
+            let _ = std::fs::remove_file(state);
+            return None;
+        }
+    }
+    let mut address = String::new();
+    file.read_to_string(&mut address).ok()?;
     Some(format!("tcp://{}", address.trim()))
 }
 
-/// Ends the virtual drive; `false` if there was none.
+/// For the drive: says at `state` where it is, as long as it keeps what this returns.
 ///
 /// # Errors
-/// The state file cannot be removed.
+/// The file cannot be written or locked.
+pub fn publish(state: &Path, address: SocketAddr) -> std::io::Result<File> {
+    // Whole and locked, or not at all: somebody may be waiting for it.
+    let unfinished = state.with_extension("new");
+    let mut file = File::create(&unfinished)?;
+    file.lock()?;
+    write!(file, "{address}")?;
+    std::fs::rename(&unfinished, state)?;
+    Ok(file)
+}
+
+/// Ends the virtual drive and waits until it has; `false` if there was none.
+///
+/// # Errors
+/// The state file cannot be removed, or the drive goes on without it.
 pub fn stop() -> Result<bool> {
-    let file = state_file();
-    match std::fs::remove_file(&file) {
-        Ok(()) => Ok(true),
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(false),
-        Err(error) => Err(error).with_context(|| format!("removing {}", file.display())),
+    stop_at(&state_file())
+}
+
+fn stop_at(state: &Path) -> Result<bool> {
+    let file = match File::open(state) {
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(false),
+        opened => opened.with_context(|| format!("opening {}", state.display()))?,
+    };
+    std::fs::remove_file(state).with_context(|| format!("removing {}", state.display()))?;
+    // A new one at the same place would keep the old one alive.
+    let begun = Instant::now();
+    while let Err(TryLockError::WouldBlock) = file.try_lock_shared() {
+        ensure!(begun.elapsed() < END, "the virtual drive does not end: its state file {} is gone", state.display());
+        std::thread::sleep(Duration::from_millis(10));
     }
+    Ok(true)
 }
 
 /// Starts the virtual drive in the background, built first if need be, and returns its address. `arguments` go to the program.
@@ -119,4 +163,43 @@ fn workspace() -> Option<PathBuf> {
     let by_cargo = std::env::var_os("CARGO_MANIFEST_DIR").map(PathBuf::from);
     let here = by_cargo.or_else(|| std::env::current_dir().ok())?;
     here.ancestors().find(|directory| directory.join("xtask/Cargo.toml").exists()).map(Path::to_owned)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_drive_is_found_while_it_lives_and_what_a_killed_one_left_is_cleared_away() {
+        let directory = tempfile::tempdir().unwrap();
+        let state = directory.path().join("state");
+        assert_eq!(find_at(&state), None);
+        let alive = publish(&state, "127.0.0.1:5025".parse().unwrap()).unwrap();
+        for _ in 0..2 {
+            assert_eq!(find_at(&state).as_deref(), Some("tcp://127.0.0.1:5025"));
+        }
+        // As the system does it when the process is killed.
+        drop(alive);
+        assert!(state.exists());
+        assert_eq!(find_at(&state), None);
+        assert!(!state.exists());
+    }
+
+    #[test]
+    fn a_drive_is_stopped_when_it_has_ended() {
+        let directory = tempfile::tempdir().unwrap();
+        let state = directory.path().join("state");
+        assert!(!stop_at(&state).unwrap());
+        let alive = publish(&state, "127.0.0.1:5025".parse().unwrap()).unwrap();
+        let stopper = std::thread::spawn({
+            let state = state.clone();
+            move || stop_at(&state).unwrap()
+        });
+        while state.exists() {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        assert!(!stopper.is_finished());
+        drop(alive);
+        assert!(stopper.join().unwrap());
+    }
 }

@@ -49,7 +49,11 @@ pub const ASSETS: &[Asset] = &[
 /// # Errors
 /// What to type.
 pub fn complete() -> anyhow::Result<()> {
-    if ASSETS.iter().all(|asset| !asset.text.is_empty()) {
+    all_there(ASSETS)
+}
+
+fn all_there(assets: &[Asset]) -> anyhow::Result<()> {
+    if assets.iter().all(|asset| !asset.text.is_empty()) {
         return Ok(());
     }
     anyhow::bail!(
@@ -72,6 +76,18 @@ mod tests {
                 }
             }
         }
+    }
+
+    /// As in a clone that has no npm yet: everything builds, and `servoctl scope` says what to type.
+    #[test]
+    fn without_the_plotting_library_the_page_says_what_to_type() {
+        let missing = [ASSETS[0], Asset { path: "/uPlot.esm.js", media_type: JS, text: "" }];
+        let words = all_there(&missing).unwrap_err().to_string();
+        assert!(
+            words.contains("without the page's plotting library") && words.contains("`cargo xtask scope`"),
+            "{words}"
+        );
+        assert!(all_there(&missing[..1]).is_ok());
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Where pages and the drive's thread meet: news to every page, orders from the one that commands.
 
 use std::collections::VecDeque;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -37,7 +37,12 @@ impl Order {
 /// What wakes the drive's thread before its next look at the drive.
 pub enum Wake {
     /// Something to do.
-    Order(Order),
+    Order {
+        /// What.
+        order: Order,
+        /// Stops that there had been when it was given, see [`Hub::is_stopped`].
+        stops: u64,
+    },
     /// Look at the flags.
     Look,
 }
@@ -48,6 +53,8 @@ pub struct Hub {
     orders: SyncSender<Wake>,
     stop: AtomicBool,
     left: AtomicBool,
+    /// Stops so far, those included that a page leaves behind.
+    stops: AtomicU64,
     end: AtomicBool,
     table: Mutex<Table>,
 }
@@ -72,7 +79,8 @@ impl Hub {
         let (orders, receiver) = sync_channel(ORDERS);
         let (news, _) = broadcast::channel(NEWS);
         let flag = || AtomicBool::new(false);
-        let hub = Hub { news, orders, stop: flag(), left: flag(), end: flag(), table: Mutex::default() };
+        let stops = AtomicU64::new(0);
+        let hub = Hub { news, orders, stop: flag(), left: flag(), stops, end: flag(), table: Mutex::default() };
         (Arc::new(hub), receiver)
     }
 
@@ -130,6 +138,7 @@ impl Hub {
         table.pages.retain(|other| *other != page);
         if table.commander == Some(page) {
             table.commander = table.pages.first().copied();
+            self.stops.fetch_add(1, Ordering::AcqRel);
             self.left.store(true, Ordering::Release);
         }
         drop(table);
@@ -156,11 +165,13 @@ impl Hub {
             None => return Err("nobody commands: take over first".to_owned()),
         }
         let full = "too many orders at once: this one was dropped";
-        self.orders.try_send(Wake::Order(order)).map_err(|_| full.to_owned())
+        let stops = self.stops.load(Ordering::Acquire);
+        self.orders.try_send(Wake::Order { order, stops }).map_err(|_| full.to_owned())
     }
 
-    /// Brakes the drive to rest, before anything else that waits.
+    /// Brakes the drive to rest, before anything else that waits, and in place of it.
     pub fn stop(&self) {
+        self.stops.fetch_add(1, Ordering::AcqRel);
         self.stop.store(true, Ordering::Release);
         self.wake();
     }
@@ -174,6 +185,11 @@ impl Hub {
     /// Somebody wants the drive to stop; asked once.
     pub fn take_stop(&self) -> bool {
         self.stop.swap(false, Ordering::AcqRel)
+    }
+
+    /// An order that was given when there had been so many `stops` is not to be carried out any more.
+    pub fn is_stopped(&self, stops: u64) -> bool {
+        stops != self.stops.load(Ordering::Acquire)
     }
 
     /// The page that commanded has gone; asked once.
@@ -243,6 +259,33 @@ mod tests {
         // A stop needs no place in the queue.
         hub.stop();
         assert!(hub.take_stop() && !hub.take_stop());
+    }
+
+    #[test]
+    fn a_stop_overtakes_the_orders_that_wait_and_not_those_after_it() {
+        let (hub, orders) = Hub::new();
+        let (first, second) = (hub.join().0, hub.join().0);
+        let waiting = |hub: &Hub| {
+            let stopped = orders.try_iter().filter_map(|wake| match wake {
+                Wake::Order { order, stops } => Some((order.id, hub.is_stopped(stops))),
+                Wake::Look => None,
+            });
+            stopped.collect::<Vec<_>>()
+        };
+        hub.order(first, order(1).0).unwrap();
+        hub.order(first, order(2).0).unwrap();
+        hub.stop();
+        hub.order(first, order(3).0).unwrap();
+        assert_eq!(waiting(&hub), [(1, true), (2, true), (3, false)]);
+        // So does the end of the page that commanded; that of another one does not.
+        hub.order(first, order(4).0).unwrap();
+        hub.leave(second);
+        assert_eq!(waiting(&hub), [(4, false)]);
+        let third = hub.join().0;
+        hub.order(first, order(5).0).unwrap();
+        hub.leave(first);
+        hub.order(third, order(6).0).unwrap();
+        assert_eq!(waiting(&hub), [(5, true), (6, false)]);
     }
 
     #[test]

@@ -207,8 +207,8 @@ pub struct Known {
 }
 
 impl Known {
-    /// The drive that calls itself `identity`; `is_virtual`: its stage is simulated.
-    pub fn new(identity: &Identity, is_virtual: bool) -> Self {
+    /// The drive that calls itself `identity`.
+    pub fn new(identity: &Identity) -> Self {
         Known {
             board: identity.board.to_string(),
             firmware: identity.firmware.map(|n| n.to_string()).join("."),
@@ -216,7 +216,7 @@ impl Known {
             program: format!("{:016x}", identity.program),
             protocol: identity.protocol,
             servoctl: env!("CARGO_PKG_VERSION"),
-            is_virtual,
+            is_virtual: identity.is_virtual(),
         }
     }
 }

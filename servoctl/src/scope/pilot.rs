@@ -59,7 +59,7 @@ fn pause(hub: &Hub, orders: &Receiver<Wake>, trouble: &str) {
     let until = Instant::now() + RECONNECT;
     while !hub.ends() {
         match orders.recv_timeout(until.saturating_duration_since(Instant::now())) {
-            Ok(Wake::Order(order)) => order.answer(Err(trouble.to_owned())),
+            Ok(Wake::Order { order, .. }) => order.answer(Err(trouble.to_owned())),
             Ok(Wake::Look) => {}
             Err(_) => return,
         }
@@ -69,7 +69,6 @@ fn pause(hub: &Hub, orders: &Receiver<Wake>, trouble: &str) {
 struct Pilot<'a> {
     hub: &'a Hub,
     drive: Drive,
-    is_virtual: bool,
     moves: &'a mut Moves,
     settings: Settings,
     /// Counts up whenever a parameter other than the choice of the compensator is changed.
@@ -103,7 +102,6 @@ impl<'a> Pilot<'a> {
         Pilot {
             hub,
             drive: connected.drive,
-            is_virtual: connected.is_virtual,
             moves,
             settings: Settings::default(),
             changes: 0,
@@ -121,7 +119,7 @@ impl<'a> Pilot<'a> {
     /// # Errors
     /// The link is gone.
     fn fly(&mut self, orders: &Receiver<Wake>) -> Result<(), Error> {
-        let known = Known::new(self.drive.identity(), self.is_virtual);
+        let known = Known::new(self.drive.identity());
         self.hub.publish(&ToPage::Link { drive: Some(known), trouble: None });
         self.begin()?;
         loop {
@@ -138,7 +136,10 @@ impl<'a> Pilot<'a> {
                     self.stop(true)?;
                 }
                 match orders.recv_timeout(next.saturating_duration_since(Instant::now())) {
-                    Ok(Wake::Order(order)) => self.carry_out(&order)?,
+                    Ok(Wake::Order { order, stops }) if self.hub.is_stopped(stops) => {
+                        order.answer(Err("not carried out: a stop came first".to_owned()));
+                    }
+                    Ok(Wake::Order { order, .. }) => self.carry_out(&order)?,
                     Ok(Wake::Look) => {}
                     Err(RecvTimeoutError::Timeout) => break,
                     Err(RecvTimeoutError::Disconnected) => return self.stop(true),

@@ -19,6 +19,7 @@ use servo_host_tests::{Bench, tuning};
 use servo_protocol::frame::{MAX_FRAME, encode};
 use servo_protocol::message::{
     BLOCK_WORDS, Identity, PARAMETERS_PER_REPLY, PROTOCOL, ParameterStore, Reply, Request, SaveProgress, Status,
+    VIRTUAL_SERIAL,
 };
 use servo_protocol::server::{Incoming, Server};
 use servo_protocol::stream::Packer;
@@ -69,8 +70,8 @@ impl BenchDrive {
     /// What the scope connects to, as often as it likes: a new drive each time.
     pub fn connect(pulled: &Cable) -> anyhow::Result<Connected> {
         let drive = BenchDrive::new(pulled.clone());
-        let drive = Drive::connect(Client::new(Box::new(drive), Patience::VIRTUAL, 1))?;
-        Ok(Connected { drive, is_virtual: true })
+        let drive = Drive::connect(Client::new(Box::new(drive), Patience::TCP, 1))?;
+        Ok(drive.into())
     }
 
     fn tick(&mut self, command: Option<Command>) -> Option<Result<(), Refusal>> {
@@ -180,7 +181,7 @@ impl BenchDrive {
 
 fn identity() -> Identity {
     let board = "bench".try_into().unwrap();
-    Identity { protocol: PROTOCOL, firmware: [0, 1, 0], program: 0, board, serial: [1, 2, 3] }
+    Identity { protocol: PROTOCOL, firmware: [0, 1, 0], program: 0, board, serial: VIRTUAL_SERIAL }
 }
 
 impl Port for BenchDrive {

@@ -1,7 +1,13 @@
 //! What becomes of a page's orders.
 
-use serde_json::{Value, json};
+use std::thread;
 
+use serde_json::{Value, json};
+use servoctl::scope::hub::{Hub, Order};
+use servoctl::scope::pilot;
+use tokio::sync::mpsc;
+
+use crate::bench_drive::{BenchDrive, Cable};
 use crate::scope;
 use crate::socket::Page;
 
@@ -98,6 +104,37 @@ fn stop_forgets_the_moves_to_come_whoever_presses_it() {
     assert_eq!(second.order(json!({"do": "stop"})), None);
     let status = second.until_status(|status| status["moving"] == false);
     assert_eq!((&status["moves_left"], &status["torque"]), (&json!(0), &json!(true)), "braked, and held there");
+}
+
+/// The drive's thread is busy, orders wait, somebody presses stop: what waits is not what anybody wants any more.
+#[test]
+fn a_stop_drops_the_orders_that_still_wait() {
+    let (hub, orders) = Hub::new();
+    let page = hub.join().0;
+    let (answers, mut answered) = mpsc::channel(8);
+    let give = |id: u32, action: Value| {
+        let action = serde_json::from_value(action).unwrap();
+        hub.order(page, Order { action, id, answers: answers.clone() }).unwrap();
+    };
+    give(1, json!({"do": "enable"}));
+    give(2, by(5e-3, 3));
+    hub.stop();
+    give(3, json!({"do": "compensator", "name": "niasa"}));
+    // Only now does it find the time.
+    let pilot = {
+        let (hub, cable) = (hub.clone(), Cable::default());
+        thread::spawn(move || pilot::run(&hub, &orders, Box::new(move || BenchDrive::connect(&cable))))
+    };
+    let mut answer = || serde_json::from_str::<Value>(&answered.blocking_recv().unwrap()).unwrap();
+    for id in [1, 2] {
+        assert_eq!(answer(), json!({"kind": "answer", "id": id, "error": "not carried out: a stop came first"}));
+    }
+    assert_eq!(answer(), json!({"kind": "answer", "id": 3, "error": null}));
+    hub.end();
+    pilot.join().unwrap();
+    let known: Vec<Value> = hub.known().iter().map(|text| serde_json::from_str(text).unwrap()).collect();
+    let status = known.iter().find(|message| message["kind"] == "status").unwrap();
+    assert_eq!((&status["torque"], &status["moving"]), (&json!(false), &json!(false)), "{status}");
 }
 
 #[test]

@@ -57,6 +57,19 @@ fn pictures() -> Option<PathBuf> {
     std::env::var_os("SCOPE_PICTURES").map(PathBuf::from)
 }
 
+/// Pictures of the page as it is now: desktop and phone, light and dark.
+fn picture(page: &mut Browser, name: &str) {
+    let Some(directory) = pictures() else { return };
+    for (size, width) in [(PHONE, "phone"), (DESKTOP, "desktop")] {
+        for scheme in ["dark", "light"] {
+            page.resize(size);
+            page.scheme(scheme);
+            page.eval("scrollTo(0, 0); new Promise((end) => setTimeout(end, 500))");
+            page.picture(&directory.join(format!("{name}-{width}-{scheme}.png")));
+        }
+    }
+}
+
 #[test]
 #[ignore = "needs Chromium: cargo xtask test --only scope"]
 fn a_click_moves_the_drive_and_the_traces_show_it() {
@@ -64,13 +77,14 @@ fn a_click_moves_the_drive_and_the_traces_show_it() {
     let (address, token) = parts(&scope);
     let mut page = open(scope.url(), DESKTOP);
     assert!(!page.eval("location.href").as_str().unwrap().contains(&token), "the token stays in sight");
+    picture(&mut page, "empty");
     enable(&mut page);
     jog(&mut page, "1 mm", "#jog-forward");
     page.wait_text("#moves", "1 mm");
     let position_mm = position_mm(&mut page);
     assert!((position_mm - 1.0).abs() < 1e-4, "{position_mm} mm");
     // Half a second at the full 8 kHz from the end of the profile on, and a tenth of it before.
-    assert_eq!(page.eval("document.querySelector('#settling').dataset.samples"), "4400");
+    page.wait("document.querySelector('#settling').dataset.samples === '4400'");
     for plot in ["#live", "#settling", "#loop"] {
         page.wait(&format!("Number(document.querySelector('{plot}').dataset.samples) > 10"));
         assert!(drawn(&mut page, plot) > 50, "{plot} shows no trace");
@@ -99,6 +113,54 @@ fn a_click_moves_the_drive_and_the_traces_show_it() {
     let blocked = "new Promise((end) => addEventListener('securitypolicyviolation', (e) => end(e.effectiveDirective)))";
     let both = format!("(() => {{ const blocked = {blocked}; {fetch}; return blocked }})()");
     assert_eq!(page.eval(&both), "connect-src");
+}
+
+/// What a button would download: the page hands a file to the browser, which is taken from it here.
+fn downloaded(page: &mut Browser, button: &str) -> (Vec<String>, Vec<Vec<String>>) {
+    page.eval(
+        "window.file = null; URL.createObjectURL = (blob) => { blob.text().then((text) => { window.file = text }); return '#' }",
+    );
+    page.click(button);
+    page.wait("window.file !== null");
+    let text = page.eval("window.file");
+    let (head, rows): (Vec<&str>, Vec<&str>) = text.as_str().unwrap().lines().partition(|line| line.starts_with('#'));
+    let cells = |row: &str| row.split(',').map(str::to_owned).collect();
+    (head.into_iter().map(str::to_owned).collect(), rows.into_iter().map(cells).collect())
+}
+
+#[test]
+#[ignore = "needs Chromium: cargo xtask test --only scope"]
+fn what_is_shown_can_be_taken_away_as_csv() {
+    let (scope, _cable) = scope();
+    let mut page = open(scope.url(), DESKTOP);
+    enable(&mut page);
+    jog(&mut page, "100 µm", "#jog-forward");
+    page.wait_text("#moves", "100 µm");
+    let number = |cell: &str| cell.parse::<f64>().unwrap_or_else(|_| panic!("{cell}"));
+
+    let (head, rows) = downloaded(&mut page, "#capture-csv");
+    for part in
+        ["firmware 0.1.0", "on bench, simulated", "parameters ", "rate: 8000 Hz", "move 1, pid", "units: s, m, m, N"]
+    {
+        assert!(head.iter().any(|line| line.contains(part)), "{part} in {head:?}");
+    }
+    assert_eq!(rows[0], ["time_s", "error_m", "position_m", "force_n"]);
+    assert_eq!(rows.len(), 4401);
+    // A tenth of it from before the end of the profile; at the end in position, in metres.
+    assert_eq!((number(&rows[1][0]), number(&rows[401][0])), (-0.05, 0.0));
+    let last: Vec<f64> = rows[4400].iter().map(|cell| number(cell)).collect();
+    assert!(last[1].abs() < 1e-6 && (last[2] + last[1] - 1e-4).abs() < 1e-9, "{last:?}");
+
+    let (head, rows) = downloaded(&mut page, "#live-csv");
+    assert!(head.iter().any(|line| line.contains("rate: 500 Hz")), "{head:?}");
+    assert_eq!(rows[0], ["time_s", "error_m", "position_m", "force_n"]);
+    let times_s: Vec<f64> = rows[1..].iter().map(|row| number(&row[0])).collect();
+    assert!(times_s.len() > 500 && times_s.windows(2).all(|pair| pair[0] < pair[1]), "{}", times_s.len());
+
+    let (_, rows) = downloaded(&mut page, "#moves-csv");
+    assert_eq!(rows[0][..4], ["move", "distance_m", "compensator", "settling_3nm_ms"]);
+    assert_eq!((rows.len(), rows[1][0].as_str(), rows[1][2].as_str()), (2, "1", "pid"));
+    assert!((number(&rows[1][1]) - 1e-4).abs() < 1e-9, "{rows:?}");
 }
 
 #[test]
@@ -146,9 +208,7 @@ fn a_fault_is_explained_and_cleared() {
     assert_eq!(page.text("#fault h2"), "Fault 7: following error");
     assert_eq!(page.text("#fault .advice"), "Check for an obstacle, gains and limits.");
     page.wait_text("#state", "Fault");
-    if let Some(directory) = pictures() {
-        page.picture(&directory.join("fault.png"));
-    }
+    picture(&mut page, "fault");
     page.enter("#parameter-following_error_max_m", "2e-4");
     page.click("#clear-fault");
     page.wait("document.querySelector('#fault').hidden");
@@ -169,9 +229,10 @@ fn of_two_browsers_one_commands_and_the_other_sees_why_it_may_not() {
     second.wait_text("#state", "Operation enabled");
     // Whoever sees danger may stop.
     choose(&mut first, "#step", "5 mm");
-    first.enter("#velocity", "1 mm/s");
+    first.enter("#velocity", "0.5 mm/s");
     first.click("#jog-forward");
     second.wait_text("#state", "moving");
+    picture(&mut second, "looks-on");
     second.click("#stop");
     second.wait("!document.querySelector('#state').textContent.includes('moving')");
     let position_mm = position_mm(&mut second);
@@ -231,6 +292,7 @@ fn a_pulled_cable_is_said_and_a_new_one_is_found() {
     page.wait_text("#link-trouble", "the cable was pulled");
     page.wait("!document.querySelector('#link-trouble').hidden");
     assert_eq!(page.eval("document.querySelector('#enable').disabled"), true);
+    picture(&mut page, "pulled");
     cable.store(false, Ordering::Relaxed);
     page.wait("document.querySelector('#link-trouble').hidden");
     enable(&mut page);
@@ -247,9 +309,7 @@ fn a_sweep_draws_the_hysteresis_of_friction() {
     // Four moves of 2 s, seen fifty times a second if nothing is lost; and width: more than a line there and back.
     page.wait("Number(document.querySelector('#loop').dataset.samples) > 100");
     assert!(drawn(&mut page, "#loop") > 300);
-    if let Some(directory) = pictures() {
-        page.picture(&directory.join("sweep.png"));
-    }
+    picture(&mut page, "sweep");
 }
 
 #[test]
@@ -292,14 +352,5 @@ fn on_a_phone_nothing_sticks_out_and_stop_stays_in_reach() {
         page.eval(&format!("scrollTo(0, {scroll})"));
         assert_eq!(page.eval(stop), true);
     }
-    if let Some(directory) = pictures() {
-        for (size, name) in [(PHONE, "phone"), (DESKTOP, "desktop")] {
-            for scheme in ["light", "dark"] {
-                page.resize(size);
-                page.scheme(scheme);
-                page.eval("scrollTo(0, 0); new Promise((end) => setTimeout(end, 500))");
-                page.picture(&directory.join(format!("{name}-{scheme}.png")));
-            }
-        }
-    }
+    picture(&mut page, "moves");
 }

@@ -31,7 +31,7 @@ fn a_click_moves_the_virtual_drive() {
     page.wait("document.querySelector('#compensator').value === 'niasa'");
     page.click("#jog-forward");
     page.wait_text("#moves tbody", "niasa");
-    assert_eq!(page.eval("document.querySelector('#settling').dataset.samples"), "4400");
+    page.wait("document.querySelector('#settling').dataset.samples === '4400'");
     // A parameter is changed and saved.
     page.click("#disable");
     page.wait_text("#state", "Switch on disabled");

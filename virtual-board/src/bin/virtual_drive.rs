@@ -10,6 +10,7 @@ use servo_host_tests::tuning;
 use servo_sim::Stage;
 use servo_virtual_board::serve::{Service, serve};
 use servo_virtual_board::{Config, Elf, VirtualBoard, flash};
+use servoctl::link::virtual_drive::publish;
 
 /// Keeps a virtual drive running behind a TCP port: the bytes of its serial link.
 #[derive(Parser)]
@@ -30,7 +31,7 @@ struct Arguments {
     /// Seed of every random number
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// A new drive, whose parameters nobody has saved; without it they fit the stage
+    /// A new drive, whose parameters nobody has saved; without it they fit the stage, and its motor counts as aligned
     #[arg(long)]
     blank: bool,
     /// Write the firmware's log to this file
@@ -70,13 +71,9 @@ fn main() -> Result<()> {
     let listener = TcpListener::bind(arguments.listen).with_context(|| format!("listening on {}", arguments.listen))?;
     board.run_for(BOOT)?;
     let address = listener.local_addr()?;
-    if let Some(path) = &arguments.state {
-        // Whole or not at all: somebody may be waiting for it.
-        let unfinished = path.with_extension("new");
-        std::fs::write(&unfinished, address.to_string())
-            .and_then(|()| std::fs::rename(&unfinished, path))
-            .with_context(|| format!("writing {}", path.display()))?;
-    }
+    let state = arguments.state.as_deref();
+    let _alive =
+        state.map(|path| publish(path, address).with_context(|| format!("writing {}", path.display()))).transpose()?;
     println!("tcp://{address}");
     let service = Service {
         log: arguments.log,

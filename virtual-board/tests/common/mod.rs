@@ -5,10 +5,13 @@ use std::cell::Cell;
 use std::sync::OnceLock;
 use std::time::Duration;
 
+use servo_core::black_box::{AFTER_TICKS, BEFORE_TICKS};
+use servo_core::fault::Fault;
 use servo_core::parameters::{Parameter, Settings};
 use servo_core::profile::Limits;
+use servo_core::record::flags;
 use servo_core::state::State;
-use servo_protocol::black_box::WORDS;
+use servo_protocol::black_box::{BlackBox, WORDS};
 use servo_protocol::message::{Reply, Request, Status};
 use servo_virtual_board::{Config, Elf, Error, Link, LogLine, ParameterSectors, Session, Snapshot, VirtualBoard};
 
@@ -19,14 +22,19 @@ pub fn elf() -> Elf {
     Elf::find(None).unwrap_or_else(|error| panic!("{error}"))
 }
 
-/// What the flash of a drive holds whose user has saved the defaults.
+/// The defaults, for a motor that has been aligned: its offset is that of the built-in stage.
+pub fn aligned() -> Settings {
+    Settings { commutation_identity: 0.0, ..Settings::default() }
+}
+
+/// What the flash of a drive holds whose user has saved these.
 pub fn commissioned() -> &'static ParameterSectors {
     static COMMISSIONED: OnceLock<ParameterSectors> = OnceLock::new();
     COMMISSIONED.get_or_init(|| {
         let mut board = VirtualBoard::boot(&elf(), &Config::default()).unwrap();
         board.run_for(BOOT).unwrap();
         let mut session = Session::new(board);
-        session.commission(&Settings::default()).unwrap();
+        session.commission(&aligned()).unwrap();
         session.board.read_parameters().unwrap()
     })
 }
@@ -118,4 +126,21 @@ pub fn black_box(board: &mut VirtualBoard, link: &mut Link) -> Vec<Cell<u32>> {
         }
     }
     all
+}
+
+/// The black box tells of `fault`: complete and intact, the bridge off in the tick that saw it and in those after it, and all of its ticks
+/// computed again by this computer, to the last bit.
+pub fn assert_in_black_box(board: &mut VirtualBoard, link: &mut Link, fault: Fault) {
+    let words = black_box(board, link);
+    let black_box = BlackBox(&words[..]);
+    assert!(black_box.is_intact(), "{fault:?}");
+    let before = black_box.entries().take_while(|entry| entry.fault_number() == 0).count() as u32;
+    let from_it_on: Vec<_> = black_box.entries().skip(before as usize).collect();
+    assert!(before >= BEFORE_TICKS && from_it_on.len() as u32 == 1 + AFTER_TICKS, "{fault:?}: {before}");
+    for entry in from_it_on {
+        let bridge_on = entry.record()[14] & u32::from(flags::BRIDGE_ON) != 0;
+        assert_eq!((entry.fault_number(), bridge_on), (fault.number(), false), "{fault:?}: {entry:?}");
+    }
+    let replayed = black_box.replay().unwrap_or_else(|error| panic!("{fault:?}: {error}"));
+    assert!(replayed > BEFORE_TICKS + AFTER_TICKS, "{fault:?}: {replayed}");
 }

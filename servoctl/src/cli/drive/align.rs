@@ -5,16 +5,11 @@ use std::sync::atomic::Ordering;
 
 use anyhow::Result;
 use serde_json::json;
-use servo_core::SERVO_HZ;
-use servo_protocol::message::Request;
 
 use super::super::interrupt;
 use super::Link;
 use super::identity::Options;
 use crate::link::units::show_length;
-
-/// Longer than any alignment.
-const PATIENCE_TICKS: u32 = 20 * SERVO_HZ;
 
 /// Looks for the motor's electrical zero and says where it is; Ctrl-C turns the bridge off.
 ///
@@ -22,16 +17,10 @@ const PATIENCE_TICKS: u32 = 20 * SERVO_HZ;
 /// A refusal, the fault of an alignment that failed; those of the link.
 pub fn run(link: &Link, options: &Options) -> Result<ExitCode> {
     let interrupted = interrupt::flag_saying("turning the bridge off; Ctrl-C again leaves the drive to itself")?;
-    let go_on = || !interrupted.load(Ordering::Relaxed);
     let mut drive = link.connect()?.drive;
     let travel_m = drive.parameters()?.alignment_travel_m;
-    drive.order(&Request::Align)?;
     eprintln!("looking for the electrical zero: some seconds, at most {} away from here", show_length(travel_m));
-    for torque in [true, false] {
-        drive.wait_until("aligning", PATIENCE_TICKS, |_| go_on(), |status| status.state.has_torque() == torque)?;
-    }
-    if !go_on() {
-        drive.order(&Request::Disable)?;
+    if !drive.align(|| !interrupted.load(Ordering::Relaxed))? {
         return Ok(ExitCode::from(interrupt::INTERRUPTED));
     }
     let offset_m = drive.parameters()?.commutation_offset_m;

@@ -8,7 +8,7 @@ use servo_protocol::message::{Request, Status};
 
 use super::super::output::Json;
 use super::{Connected, Link, serial_ports};
-use crate::link::units::show_length;
+use crate::link::units::{show_error, show_length};
 
 /// Options of commands that take none of their own.
 #[derive(Debug, clap::Args)]
@@ -20,6 +20,7 @@ pub struct Options {
 #[derive(Serialize)]
 struct Info {
     board: String,
+    simulated: bool,
     serial: String,
     firmware: String,
     protocol: u16,
@@ -33,12 +34,13 @@ struct Info {
 /// # Errors
 /// Those of the link.
 pub fn info(link: &Link, options: &Options) -> Result<()> {
-    let Connected { mut drive, .. } = link.connect()?;
+    let Connected { mut drive, is_virtual } = link.connect()?;
     let store = drive.parameter_store()?;
     let identity = drive.identity();
     let [major, minor, patch] = identity.firmware;
     let info = Info {
         board: identity.board.to_string(),
+        simulated: is_virtual,
         serial: identity.serial.map(|word| format!("{word:08x}")).concat(),
         firmware: format!("{major}.{minor}.{patch}"),
         protocol: identity.protocol,
@@ -52,8 +54,9 @@ pub fn info(link: &Link, options: &Options) -> Result<()> {
             (Some(number), false) => format!("save {number}"),
             (Some(number), true) => format!("save {number}, changed since (`servoctl params diff` shows what)"),
         };
+        let simulated = if info.simulated { ", virtual: motor and stage are simulated" } else { "" };
         format!(
-            "board       {}\nserial      {}\nfirmware    {}, protocol {}, program {}\nparameters  {saved}\n",
+            "board       {}{simulated}\nserial      {}\nfirmware    {}, protocol {}, program {}\nparameters  {saved}\n",
             info.board, info.serial, info.firmware, info.protocol, info.program
         )
     })
@@ -81,6 +84,7 @@ pub fn status(link: &Link, options: &Options) -> Result<()> {
         "overruns": status.counters.overruns,
         "longest_tick_cycles": status.counters.longest_tick_cycles,
         "bad_encoder_frames": status.counters.bad_frames,
+        "subdivisional_error_m": status.subdivisional_error_m,
         "unreadable_requests": status.bad_requests,
         "lost_records": status.lost_records,
         "link_repeated": losses.repeated,
@@ -100,10 +104,14 @@ pub fn describe(status: &Status, count_m: f64) -> String {
         Progress::Complete(complete) => format!("{} samples, complete", complete.order.samples),
     };
     let counters = status.counters;
+    // Only sine and cosine have one.
+    let encoder = status.subdivisional_error_m.map_or(String::new(), |error_m| {
+        format!("encoder     sub-divisional error {} (estimated, peak)\n", show_error(error_m))
+    });
     format!(
         "state       {}, {motion}\nfault       {fault}\nposition    {}\nerror       {}\nforce       {:.3} N\nbus         {:.1} V\n\
          tick        {}; {} overruns, longest {} cycles\nlosses      {} bad encoder frames, {} unreadable requests, {} records\n\
-         capture     {capture}\n",
+         {encoder}capture     {capture}\n",
         status.state,
         show_length(status.position_ct as f64 * count_m),
         show_length(f64::from(status.error_ct) * count_m),

@@ -2,10 +2,12 @@
 
 pub mod align;
 pub mod black_box;
+pub mod calibrate_encoder;
 pub mod capture;
 pub mod faults;
 pub mod identity;
 pub mod log;
+pub mod measure;
 pub mod motion;
 pub mod params;
 pub mod record_file;
@@ -36,8 +38,14 @@ pub struct Link {
 pub struct Connected {
     /// The drive.
     pub drive: Drive,
-    /// Nobody can be hurt.
+    /// It says so itself: nobody can be hurt, and what it measures is simulated.
     pub is_virtual: bool,
+}
+
+impl From<Drive> for Connected {
+    fn from(drive: Drive) -> Self {
+        Connected { is_virtual: drive.identity().is_virtual(), drive }
+    }
 }
 
 impl Link {
@@ -46,40 +54,29 @@ impl Link {
     /// # Errors
     /// No drive, several, or one that does not answer: with what to do.
     pub fn connect(&self) -> Result<Connected> {
-        match &self.port {
-            Some(address) => {
-                Ok(Connected { drive: connect(address)?, is_virtual: background::find().as_ref() == Some(address) })
-            }
-            None if self.virtual_drive => virtual_drive(),
-            None => discover(),
-        }
+        let drive = match &self.port {
+            Some(address) => connect(address)?,
+            None if self.virtual_drive => match background::find() {
+                Some(address) => connect(&address)?,
+                None => connect(&background::start(&[])?)?,
+            },
+            None => discover()?,
+        };
+        Ok(drive.into())
     }
 }
 
 fn connect(address: &str) -> Result<Drive, Error> {
-    let patience = if address.starts_with("tcp://") { Patience::VIRTUAL } else { Patience::SERIAL };
+    let patience = if address.starts_with("tcp://") { Patience::TCP } else { Patience::SERIAL };
     Drive::connect(Client::new(open(address)?, patience, random_id()))
 }
 
-/// The one that runs, or a new one. A state file without a listener is what a killed one left behind.
-fn virtual_drive() -> Result<Connected> {
-    if let Some(address) = background::find() {
-        match connect(&address) {
-            Err(Error::Open { .. }) => background::stop().map(|_| ())?,
-            other => return Ok(Connected { drive: other?, is_virtual: true }),
-        }
-    }
-    let address = background::start(&[])?;
-    Ok(Connected { drive: connect(&address)?, is_virtual: true })
-}
-
-fn discover() -> Result<Connected> {
+fn discover() -> Result<Drive> {
     let mut found = serial_ports()?;
-    let running = background::find();
-    found.extend(running.iter().map(|address| (address.clone(), "virtual drive".to_owned())));
+    found.extend(background::find().map(|address| (address, "virtual drive".to_owned())));
     let (address, what) = only(&found)?;
     eprintln!("using {address} ({what})");
-    Ok(Connected { drive: connect(address)?, is_virtual: running.as_ref() == Some(address) })
+    Ok(connect(address)?)
 }
 
 /// The one that there is: address and description.

@@ -8,7 +8,7 @@ use serde::Serialize;
 use servo_core::parameters::Settings;
 use servo_core::profile::Limits;
 use servo_core::state::State;
-use servo_protocol::message::Request;
+use servo_protocol::message::{Request, Status};
 
 use super::super::interrupt;
 use super::super::output::Json;
@@ -55,6 +55,8 @@ pub struct Options {
 /// What a move was and how it settled, for a program.
 #[derive(Debug, Serialize)]
 pub struct Moved {
+    /// The drive is a virtual one.
+    simulated: bool,
     /// Set-point before, m.
     from_m: f64,
     /// Target, m.
@@ -87,7 +89,7 @@ pub fn run(link: &Link, options: &Options) -> Result<ExitCode> {
     match go(&mut connected, &settings, &options.motion, !options.no_report)? {
         End::Stopped => Ok(ExitCode::from(interrupt::INTERRUPTED)),
         End::Arrived(moved) => {
-            options.json.write(&*moved, || moved.to_text(connected.is_virtual))?;
+            options.json.write(&*moved, || moved.to_text())?;
             Ok(ExitCode::SUCCESS)
         }
     }
@@ -99,12 +101,8 @@ pub fn run(link: &Link, options: &Options) -> Result<ExitCode> {
 /// A refusal, a fault on the way; those of the link.
 pub fn go(connected: &mut Connected, settings: &Settings, motion: &Motion, report: bool) -> Result<End> {
     let interrupted = interrupt::flag_saying("braking; Ctrl-C again leaves the drive to itself")?;
+    let status = enable_if_virtual(connected)?;
     let drive = &mut connected.drive;
-    let mut status = drive.status()?;
-    if connected.is_virtual && status.fault.is_none() && status.state != State::OperationEnabled {
-        eprintln!("enabling the virtual drive (a real one wants `servoctl enable`)");
-        status = drive.enable()?;
-    }
     let count_m = settings.encoder_count_m;
     let from_ct = status.position_ct + i64::from(status.error_ct);
     let distance_ct = motion.target / count_m;
@@ -138,6 +136,7 @@ pub fn go(connected: &mut Connected, settings: &Settings, motion: &Motion, repor
         false => None,
     };
     Ok(End::Arrived(Box::new(Moved {
+        simulated: connected.is_virtual,
         from_m: from_ct as f64 * count_m,
         target_m: target_ct as f64 * count_m,
         velocity_m_per_s: limits.velocity_m_per_s,
@@ -146,6 +145,19 @@ pub fn go(connected: &mut Connected, settings: &Settings, motion: &Motion, repor
         compensator: settings.compensator,
         settling,
     })))
+}
+
+/// The drive's status, behind enabling it if it is a virtual one that is not.
+///
+/// # Errors
+/// A refusal, a fault on the way; those of the link.
+pub fn enable_if_virtual(connected: &mut Connected) -> Result<Status> {
+    let status = connected.drive.status()?;
+    if !connected.is_virtual || status.fault.is_some() || status.state == State::OperationEnabled {
+        return Ok(status);
+    }
+    eprintln!("enabling the virtual drive (a real one wants `servoctl enable`)");
+    Ok(connected.drive.enable()?)
 }
 
 /// The error, and what the drive does now if it cannot be reached any more.
@@ -163,8 +175,11 @@ fn left_alone(error: Error, settings: &Settings) -> anyhow::Error {
 
 impl Moved {
     /// For a person.
-    pub fn to_text(&self, is_virtual: bool) -> String {
-        let origin = if is_virtual { "simulated (firmware on the virtual STM32H743)" } else { "measured by the drive" };
+    pub fn to_text(&self) -> String {
+        let origin = match self.simulated {
+            true => "simulated (firmware on the virtual STM32H743)",
+            false => "measured by the drive",
+        };
         let jerk = self.jerk_m_per_s3.map_or(String::new(), |jerk| format!(", {jerk} m/s³"));
         let compensator = compensator_name(self.compensator);
         let caption = format!(

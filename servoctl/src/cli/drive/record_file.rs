@@ -22,8 +22,9 @@ impl Head {
     pub fn new(drive: &Drive, settings: &Settings, every_ticks: u32, trigger: &str) -> Head {
         let identity = drive.identity();
         let [major, minor, patch] = identity.firmware;
+        let simulated = if identity.is_virtual() { ", simulated" } else { "" };
         let text = format!(
-            "# servoctl {}, firmware {major}.{minor}.{patch} (program {:016x}) on {}\n# parameters {:016x}\n\
+            "# servoctl {}, firmware {major}.{minor}.{patch} (program {:016x}) on {}{simulated}\n# parameters {:016x}\n\
              # rate {} Hz\n# trigger: {trigger}\n# units: by the ends of the names; a count is {:e} m\n",
             env!("CARGO_PKG_VERSION"),
             identity.program,

@@ -69,7 +69,8 @@ fn read(text: &str) -> Result<Vec<(usize, Step)>> {
     steps.collect()
 }
 
-/// Carries the file out, and stops at the first line that fails.
+/// Carries the file out, and stops at the first line that fails. Each move is reported as it ends: what has been done is not lost with what
+/// fails later.
 ///
 /// # Errors
 /// A file that cannot be read, a line that makes no sense, a refusal, a fault; those of the link.
@@ -79,8 +80,7 @@ pub fn run(link: &Link, options: &Options) -> Result<ExitCode> {
     let steps = read(&text).with_context(|| format!("{name}"))?;
     let mut connected = link.connect()?;
     let interrupted = interrupt::flag_saying("braking; Ctrl-C again leaves the drive to itself")?;
-    let mut moves = Vec::new();
-    let mut words = String::new();
+    let mut reports = options.json.lines()?;
     for (number, step) in std::iter::repeat_n(&steps, options.times as usize).flatten() {
         if interrupted.load(Ordering::Relaxed) {
             return Ok(ExitCode::from(interrupt::INTERRUPTED));
@@ -91,11 +91,9 @@ pub fn run(link: &Link, options: &Options) -> Result<ExitCode> {
                 let settings = connected.drive.parameters().with_context(at)?;
                 match motion::go(&mut connected, &settings, motion, !options.no_report).with_context(at)? {
                     End::Stopped => return Ok(ExitCode::from(interrupt::INTERRUPTED)),
-                    End::Arrived(moved) => {
-                        words += &moved.to_text(connected.is_virtual);
-                        moves.push(moved);
-                    }
-                }
+                    // Nobody reads any more: the rest is done nevertheless.
+                    End::Arrived(moved) => reports.write(&serde_json::to_value(&moved)?, || moved.to_text())?,
+                };
             }
             Step::Wait { time } => {
                 let ticks = (time * f64::from(SERVO_HZ)) as u32;
@@ -114,7 +112,6 @@ pub fn run(link: &Link, options: &Options) -> Result<ExitCode> {
             Step::Disable => connected.drive.order(&Request::Disable).map(|_| ()).with_context(at)?,
         }
     }
-    options.json.write(&moves, || words)?;
     Ok(ExitCode::SUCCESS)
 }
 

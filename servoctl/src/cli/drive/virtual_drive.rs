@@ -1,6 +1,8 @@
 //! `servoctl virtual`: the virtual drive, started and ended by hand.
 
-use anyhow::{Result, ensure};
+use std::net::SocketAddr;
+
+use anyhow::{Result, bail, ensure};
 use serde_json::json;
 
 use super::super::output::Json;
@@ -10,8 +12,11 @@ use crate::link::virtual_drive;
 #[derive(Debug, clap::Args)]
 pub struct Options {
     /// Where to listen; port 0 takes a free one
-    #[arg(long, default_value = "127.0.0.1:0")]
-    listen: String,
+    #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:0")]
+    listen: SocketAddr,
+    /// Listen on an address that other computers reach: anybody there can move the drive
+    #[arg(long)]
+    any_address: bool,
     /// Stage file (TOML) [default: the stage of the thesis]
     #[arg(long, value_name = "FILE")]
     stage: Option<String>,
@@ -42,11 +47,15 @@ pub fn run(options: &Options) -> Result<()> {
         return options.json.write(&json!({ "ended": ended }), || words.to_owned());
     }
     if let Some(address) = virtual_drive::find() {
-        let answers = crate::link::open(&address).is_ok();
-        ensure!(!answers, "a virtual drive runs at {address}: `servoctl virtual --stop` ends it");
-        virtual_drive::stop()?;
+        bail!("a virtual drive runs at {address}: `servoctl virtual --stop` ends it");
     }
-    let mut arguments = vec!["--listen".to_owned(), options.listen.clone()];
+    ensure!(
+        options.listen.ip().is_loopback() || options.any_address,
+        "--listen {}: other computers can reach this address; --any-address says that they may",
+        options.listen
+    );
+    let mut arguments = vec!["--listen".to_owned(), options.listen.to_string()];
+    arguments.extend(options.any_address.then(|| "--any-address".to_owned()));
     if let Some(stage) = &options.stage {
         arguments.extend(["--stage".to_owned(), std::path::absolute(stage)?.display().to_string()]);
     }
