@@ -20,6 +20,7 @@ use servo_sim::{BridgeState, Plant, adc};
 
 use crate::board::{Analog, Nucleo};
 use crate::encoder::IDLE_LINE;
+use crate::sensor_fault::{AdcFault, CounterFault};
 use crate::watchdog::Watchdog;
 
 const TIM1: u64 = 0x4001_0000;
@@ -36,40 +37,6 @@ const IWDG_KR: u64 = 0x5800_4800;
 
 /// ADC1 and ADC2 are started by two instructions; starts closer than this belong to one pair and share one sample.
 const SAME_SAMPLE_NS: u64 = 1_000;
-
-/// The code of half the converters' range.
-const MID_CODE: i32 = 32_768;
-
-/// A fault of an analogue signal.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum AdcFault {
-    /// The converter answers this code whatever the pin carries.
-    Stuck {
-        /// 16-bit code.
-        code: u16,
-    },
-    /// The signal stays at the value it had when the fault began.
-    Frozen,
-    /// The wire is off: the amplifier's pull-down holds the input at 0 V.
-    Open,
-    /// What is left of the signal's swing about mid-range.
-    Faded {
-        /// Of what it should be.
-        percent: u8,
-    },
-}
-
-/// A fault of the comparators that count an encoder's quarter periods.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum CounterFault {
-    /// Both comparators stay as they are.
-    Stopped,
-    /// Once, so many edges are seen that there were not.
-    Invented {
-        /// Up or down.
-        edges: i64,
-    },
-}
 
 /// The truth at one servo tick, at the instant the encoder latches.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -379,12 +346,7 @@ impl Coupling {
         let held = &mut self.codes[signal.index()];
         *held = match self.faults[signal.index()] {
             None => code,
-            Some(AdcFault::Stuck { code }) => code,
-            Some(AdcFault::Frozen) => *held,
-            Some(AdcFault::Open) => 0,
-            Some(AdcFault::Faded { percent }) => {
-                (MID_CODE + (i32::from(code) - MID_CODE) * i32::from(percent) / 100) as u16
-            }
+            Some(fault) => fault.apply(code, *held),
         };
         board.set_analog(signal, *held);
     }

@@ -24,6 +24,7 @@ mod log;
 pub mod port;
 pub mod pwm;
 mod runner;
+mod sensor_fault;
 mod serial;
 pub mod serve;
 pub mod session;
@@ -32,12 +33,13 @@ mod virtual_board;
 mod watchdog;
 
 pub use board::Analog;
-pub use coupling::{AdcFault, CounterFault, Counts, Latency, TruthSample};
+pub use coupling::{Counts, Latency, TruthSample};
 pub use elf::{ELF_VARIABLE, Elf};
 pub use encoder::{EncoderFault, Lasting};
 pub use error::Error;
 pub use link::Link;
 pub use log::LogLine;
+pub use sensor_fault::{AdcFault, CounterFault};
 pub use session::Session;
 pub use told::{Told, ToldKind};
 pub use virtual_board::{

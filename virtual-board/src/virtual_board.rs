@@ -10,11 +10,12 @@ use servo_sim::{Plant, Stage};
 
 use crate::Error;
 use crate::board::{Analog, Nucleo};
-use crate::coupling::{AdcFault, CounterFault, Counts, Coupling, TruthSample};
+use crate::coupling::{Counts, Coupling, TruthSample};
 use crate::elf::Elf;
 use crate::encoder::{EncoderFault, Lasting};
 use crate::log::LogLine;
 use crate::runner::{Halted, Runner, State};
+use crate::sensor_fault::{AdcFault, CounterFault};
 use crate::told::{self, Told};
 
 /// Instructions per second of the emulated core at which tests and the demo run. The emulator has one uniform rate; a Cortex-M7
