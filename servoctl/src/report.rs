@@ -7,6 +7,9 @@ use crate::plot::{self, Plot};
 use crate::table::Table;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
+pub(crate) mod typeset;
+use typeset::typeset;
+
 const STYLE: &str = include_str!("report/style.css");
 
 /// A page in the making. Content goes to the section opened last; content before the first section stands under the summary.
@@ -148,11 +151,11 @@ impl Report {
                 body {
                     header {
                         h1 { (self.title) }
-                        p.summary { (self.summary) }
+                        p.summary { (typeset(&self.summary)) }
                     }
                     @if titled.len() > 1 {
                         nav aria-label="Contents" {
-                            ol { @for (id, section) in &titled { li { a href={ "#" (id) } { (section.title) } } } }
+                            ul { @for (id, section) in &titled { li { a href={ "#" (id) } { (section.title) } } } }
                         }
                     }
                     main {
@@ -189,9 +192,9 @@ struct Numbers {
 impl Numbers {
     fn block(&mut self, block: &Block) -> Markup {
         match block {
-            Block::Paragraph(text) => html! { p { (text) } },
+            Block::Paragraph(text) => html! { p { (typeset(text)) } },
             Block::Facts(facts) => {
-                html! { dl { @for (name, value) in facts { div { dt { (name) } dd { (value) } } } } }
+                html! { dl { @for (name, value) in facts { div { dt { (typeset(name)) } dd { (typeset(value)) } } } } }
             }
             Block::List(lines) => html! { ul.lines-of-text { @for line in lines { li { (line) } } } },
             Block::Figure { panels, caption } => {
@@ -199,7 +202,7 @@ impl Numbers {
                 html! {
                     figure.wide[panels.len() > 1] {
                         div.panels { @for panel in panels { (PreEscaped(panel.svg())) } }
-                        figcaption { b { "Figure " (self.figures) "." } " " (caption) }
+                        figcaption { b { "Figure " (self.figures) "." } " " (typeset(caption)) }
                     }
                 }
             }
@@ -211,7 +214,7 @@ impl Numbers {
                 self.tables += 1;
                 html! {
                     figure.wide {
-                        figcaption { b { "Table " (self.tables) "." } " " (table.caption) }
+                        figcaption { b { "Table " (self.tables) "." } " " (typeset(&table.caption)) }
                         div.scroll { (html_table(table)) }
                     }
                 }
@@ -238,12 +241,12 @@ fn html_statements(statements: &[Statement]) -> Markup {
                 @for s in statements {
                     tr.told[!s.why.is_empty()] {
                         td.place { (linked(&s.place, s.section)) }
-                        td.quantity { (s.quantity) }
-                        td.stated data-label="thesis" { (s.stated) }
-                        td data-label="here" { (s.found) }
+                        td.quantity { (typeset(&s.quantity)) }
+                        td.stated data-label="thesis" { (typeset(&s.stated)) }
+                        td data-label="here" { (typeset(&s.found)) }
                         td { b class=(s.mark.class()) { (s.verdict) } }
                     }
-                    @if !s.why.is_empty() { tr.why { td {} td colspan="4" { (s.why) } } }
+                    @if !s.why.is_empty() { tr.why { td {} td colspan="4" { (typeset(&s.why)) } } }
                 }
             }
         }
@@ -265,10 +268,10 @@ fn html_table(table: &Table) -> Markup {
     let class = |column: usize| (column >= table.text_columns).then_some("n");
     html! {
         table {
-            thead { tr { @for (c, title) in table.header.iter().enumerate() { th class=[class(c)] scope="col" { (title) } } } }
+            thead { tr { @for (c, title) in table.header.iter().enumerate() { th class=[class(c)] scope="col" { (typeset(title)) } } } }
             tbody {
                 @for row in &table.rows {
-                    tr { @for c in 0..table.header.len() { td class=[class(c)] { (table.cell(row, c)) } } }
+                    tr { @for c in 0..table.header.len() { td class=[class(c)] { (typeset(table.cell(row, c))) } } }
                 }
             }
         }

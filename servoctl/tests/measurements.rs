@@ -1,5 +1,7 @@
 //! What the thesis says of its measurements, held against their simulation.
 
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use servo_sim::Stage;
 use servoctl::reproduce::campaign::{Shard, Watch};
 use servoctl::reproduce::experiments::{Experiment, Request};
@@ -60,6 +62,8 @@ fn every_compensator_does_what_chapter_4_says_of_it() {
     // Tuned at equal margins and noise, those that have no limit cycle.
     let search = outcome.search.unwrap();
     for tuned in search.tuned.iter().filter(|tuned| tuned.is_admissible) {
+        // More k_I than three times the PID's is not to be had: its cascade has no real zeros any more.
+        assert!(!tuned.is_at_an_end || tuned.name == "pid-ki-tuned", "{}: {}", tuned.name, tuned.chosen);
         assert!((tuned.crossover_hz - 100.0).abs() < 4.0, "{}: {} Hz", tuned.name, tuned.crossover_hz);
         assert!((tuned.phase_margin_deg - search.tuned[0].phase_margin_deg).abs() <= 3.0, "{}", tuned.name);
     }
@@ -68,8 +72,8 @@ fn every_compensator_does_what_chapter_4_says_of_it() {
 /// 5.3, as far as it is reproduced: a linear swing, then a leg that takes much longer.
 #[test]
 fn a_step_of_100_um_swings_linearly_until_friction_takes_over() {
-    let found = step_100um::run(&Stage::default(), 4, 1, Watch::NOBODY).unwrap().unwrap();
-    assert!((6.5..9.0).contains(&found.linear_leg_ms), "{} ms", found.linear_leg_ms);
+    let found = step_100um::run(&Stage::default(), 4, 1, Watch::NOBODY).unwrap();
+    assert!(found.linear_leg_ms.is_some_and(|ms| (6.5..9.0).contains(&ms)), "{:?} ms", found.linear_leg_ms);
     let finding = found.finding.unwrap();
     assert!(finding.slow_leg_ms > 20.0 && finding.linear_down_to_nm > Some(finding.length_scale_nm), "{finding:?}");
     assert!(found.redrawn.iter().all(Option::is_some));
@@ -77,7 +81,7 @@ fn a_step_of_100_um_swings_linearly_until_friction_takes_over() {
 
 #[test]
 fn the_models_come_nearer_in_the_order_of_their_figures() {
-    let models = models::run(Watch::NOBODY).unwrap();
+    let models = models::run(Watch::NOBODY);
     assert!(models.fits.windows(2).all(|pair| pair[1].rms_n <= pair[0].rms_n), "{:?}", models.table());
     assert!(models.fits.iter().all(|fit| fit.force_n.len() == models.motion.position_m.len()));
 }
@@ -93,6 +97,40 @@ fn a_stage_of_ones_own_goes_through() {
         let outcome = outcome(Experiment::Exp1, 2, &[], stage);
         assert!(outcome.complete && outcome.only.unwrap().configs.iter().all(|config| config.faults == 0));
     }
+}
+
+/// On one thread, ended after the first piece.
+fn ended_after_one<T: Send>(run: impl FnOnce(Watch) -> T + Send) -> T {
+    let stop = AtomicBool::new(false);
+    let finished = |_| stop.store(true, Ordering::Relaxed);
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    pool.install(|| run(Watch { stop: &stop, finished: &finished }))
+}
+
+#[test]
+fn measurements_that_are_ended_early_keep_what_is_finished() {
+    let models = ended_after_one(models::run);
+    assert!(!models.complete && models.fits.len() == 1);
+    assert!(models.to_text().contains("Not complete: 1 of 6 fits"), "{}", models.to_text());
+
+    let stage = Stage::default();
+    let swept = ended_after_one(|watch| loop_transmission::run(&stage, 1, watch)).unwrap().unwrap();
+    assert!(!swept.complete && swept.figure_15.len() == 1 && swept.section_8_2.is_empty());
+    assert!(swept.to_text().contains("Not complete: 1 of 38 sweeps"), "{}", swept.to_text());
+
+    let stepped = ended_after_one(|watch| step_100um::run(&stage, 3, 1, watch)).unwrap();
+    assert!(!stepped.complete && stepped.redrawn.len() == 1 && stepped.finding.is_some());
+    assert!(stepped.to_text().contains("Not complete: 1 of 3 steps"), "{}", stepped.to_text());
+
+    let request =
+        Request { experiment: Experiment::Compensators, moves: 1, seed: 1, mass_errors_percent: vec![], stage };
+    let tuned = ended_after_one(|watch| {
+        let plan = request.plan_watched(watch).unwrap();
+        Outcome::new(&plan, &plan.campaign.run(Shard::ALL, watch).unwrap())
+    });
+    let search = tuned.search.as_ref().unwrap();
+    assert!(!tuned.complete && !search.complete && search.tuned.len() == 2 && tuned.claims.is_empty());
+    assert!(tuned.to_text().ends_with("Not complete: ended before the first moves were finished.\n"));
 }
 
 #[test]

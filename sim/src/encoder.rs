@@ -10,8 +10,10 @@ pub const MAX_ACKNOWLEDGE_BITS: u32 = 64 - IDLE_BITS - 42;
 const IDLE_BITS: u32 = 2;
 
 /// The count nearest to a position, `MID_TRAVEL_CT` at 0 m; saturates at both ends of the 32 bits.
+#[inline]
 pub fn counts(position_m: f64, count_m: f64) -> u32 {
-    libm::floor(position_m / count_m + f64::from(MID_TRAVEL_CT) + 0.5) as u32
+    // The cast rounds towards 0, which is down, and 0 is the end below.
+    (position_m / count_m + f64::from(MID_TRAVEL_CT) + 0.5) as u32
 }
 
 /// A frame as it comes in on the line, first bit in bit 63.
@@ -19,6 +21,7 @@ pub fn counts(position_m: f64, count_m: f64) -> u32 {
 /// Two idle ones, `acknowledge_bits` zeros (limited to `1..=MAX_ACKNOWLEDGE_BITS`) while the encoder computes, the start
 /// bit (1), the CDS bit (0), the position MSB first, nError and nWarning (active low), the inverted CRC, and zeros for the
 /// encoder's time-out.
+#[inline]
 pub fn frame(position_ct: u32, error: bool, warning: bool, acknowledge_bits: u32) -> u64 {
     let data = u64::from(position_ct) << 2 | u64::from(!error) << 1 | u64::from(!warning);
     let payload = 0b10 << 40 | data << 6 | u64::from(!crc6(data) & 0x3f); // 42 bits: start, CDS, data, CRC

@@ -44,15 +44,26 @@ impl Noise {
     ///
     /// # Source
     /// Marsaglia & Tsang 2000, 128 layers; layer and abscissa come from different bits (Doornik 2005).
+    #[inline]
     pub fn normal(&mut self) -> f64 {
         let table = &*ZIGGURAT;
-        loop {
-            let bits = self.0.next_u64();
-            let layer = (bits % LAYERS as u64) as usize;
-            let x = (bits as i64 >> 11) as f64 * TWO_POW_MINUS_52 * table.x[layer];
-            if x.abs() < table.x[layer + 1] {
-                return x; // inside the layer's rectangle: 98.8 % of all samples
-            }
+        let (layer, x) = self.abscissa(table);
+        // Inside the layer's rectangle: 98.8 % of all samples.
+        if x.abs() < table.x[layer + 1] { x } else { self.beyond_rectangle(table, layer, x) }
+    }
+
+    /// A layer and an abscissa in it.
+    #[inline]
+    fn abscissa(&mut self, table: &Ziggurat) -> (usize, f64) {
+        let bits = self.0.next_u64();
+        let layer = (bits % LAYERS as u64) as usize;
+        (layer, (bits as i64 >> 11) as f64 * TWO_POW_MINUS_52 * table.x[layer])
+    }
+
+    /// The rest of the method, for an abscissa that is not inside the layer's rectangle.
+    #[cold]
+    fn beyond_rectangle(&mut self, table: &Ziggurat, mut layer: usize, mut x: f64) -> f64 {
+        while x.abs() >= table.x[layer + 1] {
             if layer == 0 {
                 return self.tail(x < 0.0);
             }
@@ -60,11 +71,12 @@ impl Noise {
             if y < density(x) {
                 return x;
             }
+            (layer, x) = self.abscissa(table);
         }
+        x
     }
 
     /// A sample beyond the base layer's edge.
-    #[cold]
     fn tail(&mut self, negative: bool) -> f64 {
         loop {
             let beyond = -libm::log(self.uniform()) / EDGE;

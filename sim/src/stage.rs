@@ -222,15 +222,28 @@ impl Misfit {
 }
 
 fn format_error(text: &str, error: &toml::de::Error) -> StageError {
-    let at = error.span().map_or(0, |span| span.start);
+    let span = error.span().unwrap_or(0..0);
+    let at = span.start;
     let found = DeTable::parse(text).ok().and_then(|table| written_at(table.get_ref(), at));
-    let place = found.map_or(String::new(), |(key, value)| {
-        // Of a wrong value the message says what it is; of a wrong name it says only the name.
-        let unknown = value.start > at;
-        let value = text.get(value).filter(|value| unknown && !value.contains('\n'));
-        value.map_or(format!("{key}: "), |value| format!("{key} = {value}: "))
-    });
-    StageError::Format { line: line_of(text, at), message: format!("{place}{}", error.message().trim_end()) }
+    // What is missing is told at the head of its table; in a text that is no TOML, such as one with a key twice, nothing is found.
+    let head = || text.get(at..)?.strip_prefix('[')?.split_once(']').map(|(table, _)| format!("{table}: "));
+    let twice = || text.get(span.clone()).filter(|_| error.message() == "duplicate key").map(|key| format!("{key}: "));
+    let place = found.map_or_else(
+        || head().or_else(twice).unwrap_or_default(),
+        |(key, value)| {
+            // Of a wrong value the message says what it is; of a wrong name it says only the name.
+            let unknown = value.start > at;
+            let value = text.get(value).filter(|value| unknown && !value.contains('\n'));
+            value.map_or(format!("{key}: "), |value| format!("{key} = {value}: "))
+        },
+    );
+    let message = in_words(error.message().trim_end());
+    StageError::Format { line: line_of(text, at), message: format!("{place}{message}") }
+}
+
+/// The parser's message without names of Rust types.
+fn in_words(message: &str) -> String {
+    message.replace("expected f64", "expected a number").replace("expected usize", "expected a whole number, 0 or more")
 }
 
 /// Line number, from 1, of a byte of the text.

@@ -4,7 +4,8 @@
 mod common;
 
 use std::io;
-use std::sync::{Arc, Mutex, MutexGuard};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use common::{black_box, enabled, status};
@@ -17,41 +18,28 @@ use servo_core::profile::Limits;
 use servo_core::state::State;
 use servo_protocol::black_box::BlackBox;
 use servo_protocol::message::{Reply, Request, Status};
+use servo_virtual_board::port::{BoardPort, Shared};
 use servo_virtual_board::{Link, VirtualBoard};
 use servoctl::link::{Client, Drive, Error, Patience, Port};
 
-/// Virtual time between two looks at the line.
-const LOOK: Duration = Duration::from_micros(500);
-
-/// A serial cable to a board.
-struct Cable {
-    board: VirtualBoard,
+/// The line to a board, and what it does to bytes, both ways.
+struct BadLine {
+    port: BoardPort,
     random: Pcg64,
-    /// Bytes of a thousand that are lost, and as many in which a bit is flipped; both ways.
+    /// Bytes of a thousand that are lost, and as many in which a bit is flipped.
     per_mille: u64,
     /// Nothing gets through any more, and nobody says so.
-    pulled: bool,
-    start: Instant,
+    pulled: Arc<AtomicBool>,
 }
 
-/// The test's hand on it.
-#[derive(Clone)]
-struct Shared(Arc<Mutex<Cable>>);
-
-impl Shared {
-    fn new(board: VirtualBoard, per_mille: u64) -> Shared {
-        let random = Pcg64::seed_from_u64(9);
-        Shared(Arc::new(Mutex::new(Cable { board, random, per_mille, pulled: false, start: Instant::now() })))
+impl BadLine {
+    fn new(board: &Shared, per_mille: u64, pulled: &Arc<AtomicBool>) -> Box<BadLine> {
+        let (port, random) = (BoardPort::new(board.clone()), Pcg64::seed_from_u64(9));
+        Box::new(BadLine { port, random, per_mille, pulled: pulled.clone() })
     }
 
-    fn cable(&self) -> MutexGuard<'_, Cable> {
-        self.0.lock().unwrap()
-    }
-}
-
-impl Cable {
     fn carried(&mut self, bytes: &[u8]) -> Vec<u8> {
-        if self.pulled {
+        if self.pulled.load(Ordering::Relaxed) {
             return Vec::new();
         }
         let damaged = bytes.iter().filter_map(|byte| {
@@ -66,34 +54,31 @@ impl Cable {
     }
 }
 
-impl Port for Shared {
+impl Port for BadLine {
     fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
-        let mut cable = self.cable();
-        let bytes = cable.carried(bytes);
-        cable.board.send(&bytes).map_err(io::Error::other)
+        let bytes = self.carried(bytes);
+        self.port.send(&bytes)
     }
 
     fn receive(&mut self, bytes: &mut [u8], until: Instant) -> io::Result<usize> {
         loop {
-            let mut cable = self.cable();
-            cable.board.run_for(LOOK).map_err(io::Error::other)?;
-            let sent = cable.board.received().map_err(io::Error::other)?;
-            let arrived = cable.carried(&sent);
-            if !arrived.is_empty() {
+            let length = self.port.receive(bytes, until)?;
+            let arrived = self.carried(&bytes[..length]);
+            if length == 0 || !arrived.is_empty() {
                 bytes[..arrived.len()].copy_from_slice(&arrived);
                 return Ok(arrived.len());
-            }
-            drop(cable);
-            if self.now() >= until {
-                return Ok(0);
             }
         }
     }
 
     fn now(&self) -> Instant {
-        let cable = self.cable();
-        cable.start + Duration::from_nanos(cable.board.time_ns())
+        self.port.now()
     }
+}
+
+/// The board again, once nobody else has it.
+fn taken_back(board: Shared) -> VirtualBoard {
+    Arc::into_inner(board).expect("nobody else has it").into_inner().unwrap()
 }
 
 /// A command of a kind that a servo tick carries out, whatever has been before it.
@@ -125,11 +110,10 @@ fn the_firmware_carries_out_each_command_of_a_script_once_on_a_line_that_loses_a
     board.run_for(Duration::from_millis(40)).unwrap();
     let before = last_command(&mut board, &mut link);
 
-    let (board, _) = enabled();
-    let cable = Shared::new(board, 10);
+    let (board, whole) = (Arc::new(Mutex::new(enabled().0)), Arc::default());
     // A lost request costs 10 ms instead of 125: less to emulate.
     let patience = Patience { reply: Duration::from_millis(10), attempts: 20, ..Patience::SERIAL };
-    let mut client = Client::new(Box::new(cable.clone()), patience, 77);
+    let mut client = Client::new(BadLine::new(&board, 10, &whole), patience, 77);
     let mut random = Pcg64::seed_from_u64(4);
     let mut last_tick = 0;
     for _ in 0..COMMANDS {
@@ -148,8 +132,7 @@ fn the_firmware_carries_out_each_command_of_a_script_once_on_a_line_that_loses_a
 
     // The bridge's fault ends the recording, and the black box can be read.
     drop(client);
-    let Ok(cable) = Arc::try_unwrap(cable.0) else { panic!("nobody else has it") };
-    let mut board = cable.into_inner().unwrap().board;
+    let mut board = taken_back(board);
     let mut link = Link::new();
     assert!(status(&mut board, &mut link).bad_requests > 30, "the drive has seen the damage as well");
     board.set_bridge_fault(true).unwrap();
@@ -171,32 +154,31 @@ fn last_command(board: &mut VirtualBoard, link: &mut Link) -> u32 {
 fn a_cable_pulled_in_mid_move_is_reported_within_a_second_and_the_drive_ends_the_move_by_its_time_out() {
     const TIMEOUT_S: f64 = 0.2;
     for (option, stops_within_m) in [(0.0, 2e-3), (2.0, 1e-3)] {
-        let (board, _) = enabled();
-        let cable = Shared::new(board, 0);
-        let mut drive = Drive::connect(Client::new(Box::new(cable.clone()), Patience::SERIAL, 5)).unwrap();
+        let (board, cut) = (Arc::new(Mutex::new(enabled().0)), Arc::default());
+        let mut drive = Drive::connect(Client::new(BadLine::new(&board, 0, &cut), Patience::SERIAL, 5)).unwrap();
+        let now_ns = || board.lock().unwrap().time_ns();
         drive.set_parameters(&[(0x0602, TIMEOUT_S), (0x040a, option)]).unwrap();
         let limits = Limits { velocity_m_per_s: 0.02, acceleration_m_per_s2: 1.0, jerk_m_per_s3: None };
         drive.order(&Request::Move { target_ct: 655_360_000, limits }).unwrap();
-        let begun = cable.now();
+        let begun_ns = now_ns();
         let mut pulled = None;
         let pull = |status: &Status| {
-            if pulled.is_none() && cable.now() > begun + Duration::from_millis(300) {
-                pulled = Some((cable.now(), *status));
-                cable.cable().pulled = true;
+            if pulled.is_none() && now_ns() > begun_ns + 300_000_000 {
+                pulled = Some((now_ns(), *status));
+                cut.store(true, Ordering::Relaxed);
             }
             true
         };
         let error = drive.wait_until("moving", 80_000, pull, |status| !status.moving).unwrap_err();
-        let (pulled, last): (Instant, Status) = pulled.expect("it was still moving");
-        let reported = cable.now() - pulled;
+        let (pulled_ns, last): (u64, Status) = pulled.expect("it was still moving");
+        let reported = Duration::from_nanos(now_ns() - pulled_ns);
         assert!(matches!(error, Error::NoReply { .. }), "{error}");
         assert!(reported < Duration::from_secs(1), "{reported:?}");
         println!("option {option}: reported after {reported:?}");
 
         // The same board, seen by somebody else once the cable is in again.
         drop(drive);
-        let Ok(cable) = Arc::try_unwrap(cable.0) else { panic!("nobody else has it") };
-        let mut board = cable.into_inner().unwrap().board;
+        let mut board = taken_back(board);
         assert!(!board.bridge_enabled().unwrap());
         let status = status(&mut board, &mut Link::new());
         assert_eq!((status.state, status.fault, status.moving), (State::Fault, Some(Fault::CommandTimeout), false));

@@ -158,6 +158,7 @@ fn teller() -> impl FnMut(Event) {
             bar = None;
             match result {
                 Ok(words) => eprintln!("    {words}"),
+                Err(Failure::Stopped) => eprintln!("    not finished"),
                 Err(why) => eprintln!("    refused: {why}"),
             }
         }

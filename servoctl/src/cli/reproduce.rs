@@ -7,13 +7,14 @@ use anyhow::{Context, Result, bail, ensure};
 use clap::ValueEnum;
 use serde_json::{Map, Value, json};
 use servo_core::refusal::Refusal;
+use servo_host_tests::tuning::{self, STANDARD};
 use servo_sim::Stage;
 
 use super::interrupt;
 use super::output::Json;
 use super::progress::Progress;
 use crate::reproduce::campaign::{Shard, Watch};
-use crate::reproduce::experiments::{Experiment, MASS_ERRORS_PERCENT, Request};
+use crate::reproduce::experiments::{Experiment, FIVE_MM_SLOW, MASS_ERRORS_PERCENT, Request};
 use crate::reproduce::identification;
 use crate::reproduce::identification_study::{self, IdentificationStudy};
 use crate::reproduce::loop_transmission::{self, LoopTransmission};
@@ -228,12 +229,12 @@ fn one(options: &Options, name: Name, stage: &Stage) -> Result<Found> {
         }
         Kind::Step100Um => {
             let moves = options.moves.unwrap_or(step_100um::MOVES);
-            let found: Step100Um =
-                measured(name, moves, "steps", |watch: Watch| step_100um::run(stage, moves, seed, watch))?;
+            let run = |watch: Watch| step_100um::run(stage, moves, seed, watch).map(Some);
+            let found: Step100Um = measured(name, moves, "steps", run)?;
             Ok((found.to_text(), serde_json::to_value(&found)?))
         }
         Kind::Models => {
-            let found = measured(name, models::FITS, "fits", |watch| Ok(models::run(watch)))?;
+            let found = measured(name, models::FITS, "fits", |watch| Ok(Some(models::run(watch))))?;
             Ok((found.to_text(), serde_json::to_value(&found)?))
         }
         Kind::IdentificationStudy => {
@@ -248,7 +249,7 @@ fn one(options: &Options, name: Name, stage: &Stage) -> Result<Found> {
     }
 }
 
-/// Runs what is shown as a whole or not at all, with progress.
+/// Runs a measurement, with progress. Ended early, it gives what is finished.
 fn measured<T>(
     name: Name,
     pieces: u64,
@@ -259,7 +260,7 @@ fn measured<T>(
     let finished = |pieces| progress.advance(pieces);
     let found = run(Watch { stop: interrupt::flag()?, finished: &finished })?;
     drop(progress);
-    found.context("ended before it was finished: nothing to show")
+    found.context("ended before anything was finished: nothing to show")
 }
 
 fn settling(request: Request, configs: &[String]) -> Result<Found> {
@@ -270,7 +271,8 @@ fn settling(request: Request, configs: &[String]) -> Result<Found> {
     let finished = |moves| progress.advance(moves);
     let passes = plan.campaign.run(Shard::ALL, Watch { stop: interrupt::flag()?, finished: &finished })?;
     drop(progress);
-    ensure!(!passes.is_empty(), "ended before the first pass was finished: nothing to show");
+    let something = !passes.is_empty() || plan.search.is_some();
+    ensure!(something, "ended before the first pass was finished: nothing to show");
     let outcome = Outcome::new(&plan, &passes);
     Ok((outcome.to_text(), serde_json::to_value(&outcome)?))
 }
@@ -303,18 +305,43 @@ fn planned(request: &Request) -> Result<crate::reproduce::experiments::Plan> {
 /// The stage file, or the built-in one.
 ///
 /// # Errors
-/// A file that cannot be read, or is wrong: with line, key, value and range.
+/// A file that cannot be read, or is wrong: with line, key, value and range; a stage too heavy for its motor.
 pub fn read_stage(file: Option<&PathBuf>) -> Result<Stage> {
     let Some(file) = file else { return Ok(Stage::default()) };
-    let text = std::fs::read_to_string(file).with_context(|| format!("--stage {}", file.display()))?;
-    Stage::from_toml(&text).with_context(|| format!("--stage {}", file.display()))
+    let read = || {
+        let stage = Stage::from_toml(&std::fs::read_to_string(file)?)?;
+        check_force(&stage)?;
+        Ok(stage)
+    };
+    read().map_err(|error: anyhow::Error| error.context(format!("--stage {}", file.display())))
+}
+
+/// Every experiment moves at 1 m/s², or begins with such a move. A drive that cannot ends with a following error, which tells a person
+/// less than this.
+fn check_force(stage: &Stage) -> Result<()> {
+    let (mechanics, friction) = (&stage.mechanics, &stage.friction);
+    let peak_m_per_s = libm::sqrt(FIVE_MM_SLOW.acceleration_m_per_s2 * FIVE_MM_SLOW.step_m);
+    let needed_n = mechanics.mass_kg * FIVE_MM_SLOW.acceleration_m_per_s2
+        + mechanics.viscous_n_s_per_m * peak_m_per_s
+        + friction.static_n.unwrap_or(friction.coulomb_n);
+    let settings = tuning::uncalibrated(stage, &STANDARD)?;
+    let given_n = settings.current_limit_a * settings.force_constant_n_per_a;
+    ensure!(
+        needed_n <= given_n,
+        "mechanics.mass_kg = {} with its friction takes {needed_n:.1} N at 1 m/s²; motor.force_constant_n_per_a and \
+         amplifier.full_scale_a give {given_n:.1} N",
+        mechanics.mass_kg
+    );
+    Ok(())
 }
 
 #[cfg(test)]
 mod tests {
     use clap::Parser;
 
-    use super::Options;
+    use servo_sim::Stage;
+
+    use super::{Options, check_force};
     use crate::cli::{Arguments, Command};
 
     fn options(typed: &[&str]) -> Options {
@@ -334,6 +361,16 @@ mod tests {
         assert!(models.unused().unwrap().starts_with("models: --moves and --stage not used"));
         assert_eq!(options(&["exp1", "--moves", "3"]).unused(), None);
         assert!(options(&["exp1", "--moves", "0"]).check().is_err());
+    }
+
+    #[test]
+    fn a_stage_too_heavy_for_its_motor_is_refused_with_both_forces() {
+        let mut stage = Stage::default();
+        assert!(check_force(&stage).is_ok());
+        stage.mechanics.mass_kg = 100.0;
+        let refused = check_force(&stage).unwrap_err().to_string();
+        assert!(refused.starts_with("mechanics.mass_kg = 100 with its friction takes 100.6 N at 1 m/s²"), "{refused}");
+        assert!(refused.ends_with("give 62.4 N"), "{refused}");
     }
 
     #[test]

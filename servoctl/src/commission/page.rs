@@ -94,6 +94,7 @@ pub fn render(found: &Found, caption: &str, ended: Option<(Step, &Failure)>) -> 
 fn outcome(found: &Found, step: Step, ended: Option<(Step, &Failure)>) -> String {
     let done = found.done.iter().find(|(done, _)| *done == step).map(|(_, words)| words.clone());
     match ended {
+        Some((at, Failure::Stopped)) if at == step => "ended by the user".to_owned(),
         Some((at, why)) if at == step => format!("refused: {why}"),
         _ => done.unwrap_or_else(|| "not done".to_owned()),
     }

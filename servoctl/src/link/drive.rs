@@ -25,6 +25,8 @@ const RESTARTED: u32 = SERVO_HZ / 10;
 /// Longer than any alignment, ticks.
 const ALIGN: u32 = 20 * SERVO_HZ;
 
+/// So often a drive that has been restarted is asked who it is before it is given up.
+const RESTART_ATTEMPTS: u32 = 8;
 /// So often a drive that has been restarted is asked whether its control loop runs, and with such pauses.
 const STARTING_LOOKS: u32 = 100;
 const STARTING_LOOK: Duration = Duration::from_millis(20);
@@ -351,7 +353,10 @@ impl Drive {
     pub fn restart(&mut self) -> Result<Status, Error> {
         self.order(&Request::Restart)?;
         self.last_tick = 0;
-        self.identify()?;
+        // Settling a save that was cut short takes seconds, and nobody answers meanwhile.
+        let silent = |answer: &Result<(), Error>| matches!(answer, Err(Error::NoReply { .. }));
+        (1..RESTART_ATTEMPTS)
+            .fold(self.identify(), |answer, _| if silent(&answer) { self.identify() } else { answer })?;
         for _ in 0..STARTING_LOOKS {
             if self.status()?.state != State::NotReadyToSwitchOn {
                 break;

@@ -126,7 +126,7 @@ pub fn help(refusal: &Refusal) -> &'static str {
         Refusal::Halted => "who set the controlword's halt bit must clear it; `servoctl status` shows the state",
         Refusal::NotAligned(_) => "`servoctl align` looks for the electrical zero",
         Refusal::NoSignals => "`servoctl params get encoder_kind` says which encoder is set",
-        Refusal::Signals(_) => "`servoctl move` makes a longer way; `servoctl capture` shows the position on it",
+        Refusal::Signals(_) => "`servoctl calibrate-encoder` looks at the signals on a longer way",
         Refusal::Aligning => "`servoctl disable` ends the alignment",
         Refusal::Saving => "`servoctl info` says when it is saved",
         Refusal::Busy => "send it again; `servoctl status` shows whether the drive keeps up",
@@ -156,7 +156,7 @@ fn help_with(field: Field) -> &'static str {
         | Field::EndShare
         | Field::Duration
         | Field::Travel
-        | Field::Current => "`servoctl commission --help` says what is excited, and how far",
+        | Field::Current => "`servoctl measure --help` says what is excited, and how far",
     }
 }
 

@@ -133,8 +133,12 @@ pub fn show_error(error_m: f32) -> String {
 
 /// A number in ten digits, with the fewest characters.
 pub fn show_number(value: f64) -> String {
-    let rounded: f64 = format!("{value:.9e}").parse().unwrap_or(value);
-    let (plain, scientific) = (rounded.to_string(), format!("{rounded:e}"));
+    show_exactly(format!("{value:.9e}").parse().unwrap_or(value))
+}
+
+/// A number that reads back as the same, with the fewest characters.
+pub fn show_exactly(value: f64) -> String {
+    let (plain, scientific) = (value.to_string(), format!("{value:e}"));
     if plain.len() <= scientific.len() + 2 { plain } else { scientific }
 }
 
@@ -196,6 +200,13 @@ mod tests {
             (-1.0, "-1"),
         ] {
             assert_eq!(show_number(value), shown);
+        }
+    }
+
+    #[test]
+    fn what_is_shown_exactly_reads_back_the_same() {
+        for (value, shown) in [(4e-6 / 65536.0, "6.103515625e-11"), (0.1 + 0.2, "0.30000000000000004"), (4e6, "4e6")] {
+            assert_eq!((show_exactly(value).as_str(), parse(&show_exactly(value), "m", true)), (shown, Ok(value)));
         }
     }
 

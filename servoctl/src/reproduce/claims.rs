@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use super::outcome::{ConfigOutcome, Run};
-use crate::table::{MISSING, Table, number};
+use crate::table::{Table, number};
 
 /// A sentence of the thesis, and what was found.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -99,9 +99,12 @@ fn settling(config: &ConfigOutcome, tolerance: usize) -> String {
     let tolerance_nm = crate::settling::TOLERANCES_NM[tolerance];
     let moves = config.settling.settling_ms.len();
     let unsettled = config.settling.unsettled[tolerance];
-    let mean = mean_ms(config, tolerance).map_or(MISSING.to_owned(), |ms| number(ms, 1));
-    let rest = if unsettled == 0 { String::new() } else { format!(", {unsettled} of {moves} not settled") };
-    format!("{mean} ms to ±{tolerance_nm} nm{rest}")
+    let mean = mean_ms(config, tolerance).map(|ms| format!("{} ms to ±{tolerance_nm} nm", number(ms, 1)));
+    match mean {
+        Some(mean) if unsettled == 0 => mean,
+        Some(mean) => format!("{unsettled} of {moves} do not settle, the others in {mean}"),
+        None => format!("none of {moves} settles to ±{tolerance_nm} nm"),
+    }
 }
 
 /// The claims for a terminal.

@@ -25,8 +25,8 @@ pub const PROCEDURE: &str = "for every candidate of a coarse grid the PD gains a
      10 % of full current on the nominal stage, has the crossover frequency and phase margin of the PID 100 Hz / 45° (to 3 Hz and \
      3°); candidates whose unrest in position, in the same last 500 ms of the same dwell as in the results, exceeds the PID's by more \
      than a tenth are dropped; of the rest the one with the least cost is taken: mean settling time to ±10 nm plus that to ±100 nm \
-     over ten moves of another seed, a move that does not settle counting as its whole dwell; for feedforward, which is there for \
-     the motion, the rms error while moving; between equals the least error that stays decides";
+     over ten moves of another seed (fewer if fewer are compared), a move that does not settle counting as its whole dwell; for \
+     feedforward, which is there for the motion, the rms error while moving; between equals the least error that stays decides";
 
 /// Added to the seed for the moves that the tuning sees.
 const TRAINING: u64 = 1_000;
@@ -47,6 +47,10 @@ const NOISIER: f64 = 1.1;
 const OBSERVER_TAU_S: [f64; 10] = [2e-5, 5e-5, 1e-4, 2e-4, 5e-4, 1e-3, 3e-3, 6e-3, 0.01, 0.03];
 /// What has nothing but more k_I, as far as the cascade has it: two real zeros, k_I ≤ k_P²/4k_D.
 const INTEGRAL: &str = "pid-ki-tuned";
+/// The LuGre observer with as much of its model as settles best.
+pub const OBSERVER_SCALED: &str = "lugre-observer-scaled";
+/// The same without its dead band against the encoder's noise: not tuned, but there to show what the band is for.
+pub const WITHOUT_DEAD_BAND: &str = "lugre-observer-no-band";
 /// What is tuned for the error while moving.
 const FEEDFORWARD: &str = "feedforward";
 
@@ -55,6 +59,8 @@ const FEEDFORWARD: &str = "feedforward";
 pub struct Search {
     /// The procedure in words.
     pub procedure: &'static str,
+    /// Whether every candidate was tried.
+    pub complete: bool,
     /// One entry for each compensator.
     pub tuned: Vec<Tuned>,
 }
@@ -70,6 +76,8 @@ pub struct Tuned {
     pub candidates: usize,
     /// How many of them had the margins and the noise of the PID.
     pub admissible: usize,
+    /// Whether the chosen one is at an end of its row of the grid: a wider grid might have a better one.
+    pub is_at_an_end: bool,
     /// Whether the chosen one has.
     pub is_admissible: bool,
     /// Its crossover frequency (Hz).
@@ -96,6 +104,16 @@ struct Candidate {
     /// Factor on k_I.
     integral: f64,
     change: Change,
+}
+
+/// Whether one of the numbers in a candidate's words is the first or the last of those that were tried.
+fn is_at_an_end(words: &str, all: &[&str]) -> bool {
+    words.split(", ").enumerate().any(|(part, text)| {
+        let mut tried: Vec<&str> = all.iter().filter_map(|words| words.split(", ").nth(part)).collect();
+        tried.dedup();
+        let ends = [tried.first(), tried.last()];
+        text.contains(char::is_numeric) && ends[0] != ends[1] && ends.contains(&Some(&text))
+    })
 }
 
 /// A candidate measured.
@@ -133,7 +151,7 @@ fn grid() -> Vec<Candidate> {
     }
     // With friction as it was identified, which is what chapter 4 is about, and with as much of it as settles best.
     for (name, scaled, kind) in [
-        ("lugre-observer", "lugre-observer-scaled", Compensator::LugreObserver),
+        ("lugre-observer", OBSERVER_SCALED, Compensator::LugreObserver),
         ("dahl-observer", "dahl-observer-scaled", Compensator::DahlObserver),
     ] {
         for (name, shares) in [(name, &[1.0][..]), (scaled, &[0.05, 0.1, 0.2, 0.35, 0.5, 0.65][..])] {
@@ -213,6 +231,7 @@ pub fn search(request: &Request, watch: Watch) -> Result<Search, Refusal> {
             Ok(trial)
         })
         .collect::<Result<_, Refusal>>()?;
+    let complete = !watch.stop.load(Ordering::Relaxed);
     let is_admissible = |trial: &Trial| {
         let (hz, deg) = trial.margins;
         let near = (hz - wanted.0).abs() <= NEAR.0 && (deg - wanted.1).abs() <= NEAR.1;
@@ -235,7 +254,7 @@ pub fn search(request: &Request, watch: Watch) -> Result<Search, Refusal> {
             admissible_first.then(cost(a).total_cmp(&cost(b))).then(a.stays_nm.total_cmp(&b.stays_nm))
         });
         if let Some((candidate, trial)) = best {
-            let candidates = grid.iter().filter(|c| c.name == name).count();
+            let of_name: Vec<&str> = grid.iter().filter(|c| c.name == name).map(|c| c.words.as_str()).collect();
             let all: Vec<&Trial> = known.iter().map(|(_, t)| *t).collect();
             let ki = |trial: &Trial| gains(&trial.settings).ki_n_per_m_s;
             // What is asked for is not what the cascade and the margins leave of it.
@@ -243,10 +262,12 @@ pub fn search(request: &Request, watch: Watch) -> Result<Search, Refusal> {
                 INTEGRAL => format!("k_I × {}", number(ki(trial) / ki(&pid), 1)),
                 _ => candidate.words.clone(),
             };
-            tuned.push(Tuned::new(name, &words, candidates, &all, is_admissible, trial));
+            let is_at_an_end = is_at_an_end(&candidate.words, &of_name);
+            let tuned_so = Tuned::new(name, &words, of_name.len(), &all, is_admissible, trial);
+            tuned.push(Tuned { is_at_an_end, ..tuned_so });
         }
     }
-    Ok(Search { procedure: PROCEDURE, tuned })
+    Ok(Search { procedure: PROCEDURE, complete, tuned })
 }
 
 impl Tuned {
@@ -263,6 +284,7 @@ impl Tuned {
             chosen: words.to_owned(),
             candidates,
             admissible: known.iter().filter(|trial| is_admissible(trial)).count(),
+            is_at_an_end: false,
             is_admissible: is_admissible(trial),
             crossover_hz: round_to(trial.margins.0, 2),
             phase_margin_deg: round_to(trial.margins.1, 2),
@@ -272,6 +294,12 @@ impl Tuned {
             settings: trial.settings,
         }
     }
+}
+
+/// [`WITHOUT_DEAD_BAND`], if the observer was tuned.
+pub fn without_dead_band(search: &Search) -> Option<(&'static str, Settings)> {
+    let tuned = search.tuned.iter().find(|tuned| tuned.name == OBSERVER_SCALED)?;
+    Some((WITHOUT_DEAD_BAND, Settings { niasa_hysteresis_m: 0.0, ..tuned.settings }))
 }
 
 /// Gains with which the candidate has the margins wanted, and what it has; nothing if the loop cannot be measured.
@@ -311,7 +339,7 @@ fn margins(stage: &Stage, settings: &Settings, around_hz: f64, seed: u64) -> Opt
 fn judged(request: &Request, margins: (f64, f64), settings: Settings) -> Result<Trial, Refusal> {
     let (stage, steps) = (request.stage, FIVE_MM_SLOW);
     let case = Case { name: String::new(), stage, settings, steps, tolerances_nm: vec![10, 100] };
-    let moves = pass::run(&case, request.seed.wrapping_add(TRAINING), 0, pass::MOVES)?;
+    let moves = pass::run(&case, request.seed.wrapping_add(TRAINING), 0, pass::MOVES.min(request.moves))?;
     let count = moves.len() as f64;
     let variance_ct2 = moves.iter().map(|m| m.rest.variance_ct2()).sum::<f64>() / count;
     let ms = |ticks: &Option<u32>| ticks.map_or(steps.dwell_s, |t| f64::from(t) / f64::from(SERVO_HZ)) * 1e3;
@@ -359,5 +387,35 @@ impl Search {
                 number(tuned.tracking_nm, 0),
             ])
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_candidate_at_an_end_of_the_grid_is_seen_whichever_of_its_numbers_it_is() {
+        let all = [
+            "Dahl, × 1, 2 ms",
+            "Dahl, × 1, 4 ms",
+            "Dahl, × 1, 8 ms",
+            "LuGre, × 2, 2 ms",
+            "LuGre, × 2, 4 ms",
+            "LuGre, × 3, 8 ms",
+        ];
+        for (words, expected) in [("LuGre, × 2, 4 ms", false), ("Dahl, × 1, 4 ms", true), ("LuGre, × 2, 8 ms", true)]
+        {
+            assert_eq!(is_at_an_end(words, &all), expected, "{words}");
+        }
+        assert!(!is_at_an_end("30 Hz", &["30 Hz"]), "what was not varied has no end");
+    }
+
+    #[test]
+    fn every_candidate_has_words_of_its_own() {
+        let mut words: Vec<(&str, String)> = grid().into_iter().map(|c| (c.name, c.words)).collect();
+        words.sort();
+        words.dedup();
+        assert_eq!(words.len() as u64, candidates());
     }
 }

@@ -122,8 +122,7 @@ impl Experiment {
     pub fn moves(self) -> u64 {
         match self {
             Experiment::Exp1 | Experiment::InPosition => 250,
-            Experiment::Compensators => 100,
-            Experiment::Sensitivity => 30,
+            Experiment::Compensators | Experiment::Sensitivity => 100,
             _ => 500,
         }
     }
@@ -167,7 +166,9 @@ impl Request {
                 let cases: Vec<usize> = search
                     .tuned
                     .iter()
-                    .map(|tuned| plan.case(tuned.name, self.stage, tuned.settings, FIVE_MM_SLOW, &TOLERANCES_NM))
+                    .map(|tuned| (tuned.name, tuned.settings))
+                    .chain(compensators::without_dead_band(&search))
+                    .map(|(name, settings)| plan.case(name, self.stage, settings, FIVE_MM_SLOW, &TOLERANCES_NM))
                     .collect();
                 plan.compare("", STANDARD, None, &cases);
                 plan.search = Some(search);

@@ -48,6 +48,8 @@ pub struct LoopTransmission {
     pub origin: &'static str,
     /// Seed of the noise.
     pub seed: u64,
+    /// Whether everything was measured.
+    pub complete: bool,
     /// Figure 15: PID of the first tuning at eight amplitudes.
     pub figure_15: Vec<Curve>,
     /// Section 8.2: PID of the second tuning, and NIASA with two stiffnesses and two rates, at several amplitudes.
@@ -56,7 +58,7 @@ pub struct LoopTransmission {
     pub section_8_2_ki_n_per_m_s: f64,
     /// The most that its cascade could have: k_P²/4k_D, both zeros real (N/(m s)).
     pub section_8_2_ki_most_n_per_m_s: f64,
-    /// Section 8.2: what the rate limit is for.
+    /// Section 8.2: what the rate limit is for; measured when the sweeps are finished.
     pub stability: Vec<Stability>,
     /// The simulated hardware; friction as it stands here, without spread.
     pub plant: Stage,
@@ -79,7 +81,7 @@ pub struct Curve {
     pub crossover_hz: Vec<f64>,
     /// Phase margin at each of them (°).
     pub phase_margin_deg: Vec<f64>,
-    /// Where |L| has a maximum above 100 Hz (Hz); `None` if there is none.
+    /// Where |L| has its highest maximum above 100 Hz (Hz), interpolated; `None` if there is none.
     pub resonance_hz: Option<f64>,
     /// |L| at 20 Hz over that of the controller on the contact's small-signal stiffness alone.
     pub low_gain_per_spring: f64,
@@ -123,7 +125,7 @@ struct Sweep {
 /// Number of sweeps, for progress.
 pub const SWEEPS: u64 = (FIGURE_15_PERCENT.len() + SECTION_8_2_PERCENT.len() * (1 + 2 * RATES_PER_S.len())) as u64;
 
-/// Measures everything; `None` if it was ended from outside.
+/// Measures everything. Ended from outside, it gives the sweeps that are finished; nothing if there are none.
 ///
 /// # Errors
 /// A stage that the drive's parameters cannot describe.
@@ -151,7 +153,7 @@ pub fn run(stage: &Stage, seed: u64, watch: Watch) -> Result<Option<LoopTransmis
         std::iter::once(pid(performance, percent)).chain(variants.iter().map(move |v| niasa(*v, percent)))
     });
     let sweeps: Vec<Sweep> = figure_15.into_iter().chain(section_8_2).collect();
-    let curves: Vec<Option<Curve>> = sweeps
+    let mut figure_15: Vec<Option<Curve>> = sweeps
         .par_iter()
         .with_max_len(1)
         .map(|sweep| {
@@ -165,18 +167,25 @@ pub fn run(stage: &Stage, seed: u64, watch: Watch) -> Result<Option<LoopTransmis
         .collect::<Result<_, Refusal>>()?;
     let parallel = gains(&performance);
     let most = parallel.kp_n_per_m * parallel.kp_n_per_m / (4.0 * parallel.kd_n_s_per_m);
-    let Some(mut figure_15) = curves.into_iter().collect::<Option<Vec<Curve>>>() else { return Ok(None) };
     let section_8_2 = figure_15.split_off(FIGURE_15_PERCENT.len());
+    let [figure_15, section_8_2] =
+        [figure_15, section_8_2].map(|curves| curves.into_iter().flatten().collect::<Vec<_>>());
+    let made = figure_15.len() + section_8_2.len();
+    if made == 0 {
+        return Ok(None);
+    }
+    let complete = made == sweeps.len() && !watch.stop.load(Ordering::Relaxed);
     Ok(Some(LoopTransmission {
         experiment: "loop-transmission",
         thesis_section: "5.1, 8.2",
         origin: ORIGIN,
         seed,
+        complete,
         figure_15,
         section_8_2,
         section_8_2_ki_n_per_m_s: round_to(parallel.ki_n_per_m_s, 0),
         section_8_2_ki_most_n_per_m_s: round_to(most, 0),
-        stability: stability(&stage, seed, &performance)?,
+        stability: if complete { stability(&stage, seed, &performance)? } else { Vec::new() },
         plant: stage,
     }))
 }
@@ -217,10 +226,6 @@ fn measure(stage: &Stage, seed: u64, sweep: &Sweep) -> Result<Curve, Refusal> {
     let on_spring = gains(&sweep.settings).kp_n_per_m / spring_n_per_m;
     let low = points.iter().min_by(|a, b| (a.0 - LOW_HZ).abs().total_cmp(&(b.0 - LOW_HZ).abs()));
     let low_gain_per_spring = low.map_or(0.0, |(_, l)| l.abs() / on_spring);
-    let resonance = points
-        .windows(3)
-        .filter(|w| w[1].0 > 100.0 && w[1].1.abs() > w[0].1.abs() && w[1].1.abs() >= w[2].1.abs())
-        .max_by(|a, b| a[1].1.abs().total_cmp(&b[1].1.abs()));
     Ok(Curve {
         name: sweep.name.clone(),
         stiffness_n_per_m: sweep.niasa.map(|n| n.0),
@@ -229,7 +234,7 @@ fn measure(stage: &Stage, seed: u64, sweep: &Sweep) -> Result<Curve, Refusal> {
         amplitude_n: round_to(amplitude_a * stage.motor.force_constant_n_per_a, 4),
         crossover_hz: crossings.iter().map(|c| round_to(c.0, 2)).collect(),
         phase_margin_deg: crossings.iter().map(|c| round_to(c.1, 2)).collect(),
-        resonance_hz: resonance.map(|w| round_to(w[1].0, 2)),
+        resonance_hz: resonance_hz(&points).map(|hz| round_to(hz, 2)),
         low_gain_per_spring: round_to(low_gain_per_spring, 3),
         behaves_like: if low_gain_per_spring > BROKEN_AWAY { "mass" } else { "spring" },
         frequency_hz: points.iter().map(|p| round_to(p.0, 4)).collect(),
@@ -237,6 +242,19 @@ fn measure(stage: &Stage, seed: u64, sweep: &Sweep) -> Result<Curve, Refusal> {
         magnitude: points.iter().map(|p| round_to(p.1.abs(), 6)).collect(),
         phase_deg: points.iter().map(|p| round_to(lag_deg(p.1), 3)).collect(),
     })
+}
+
+/// Frequency (Hz) of the highest maximum of |L| above 100 Hz: the top of the parabola through three points on logarithmic scales.
+fn resonance_hz(points: &[(f64, Complex)]) -> Option<f64> {
+    let logarithms: Vec<(f64, f64)> = points.iter().map(|(hz, l)| (libm::log(*hz), libm::log(l.abs()))).collect();
+    let [a, b, c] = logarithms
+        .array_windows()
+        .filter(|[a, b, c]| b.0 > libm::log(100.0) && b.1 > a.1 && b.1 >= c.1)
+        .max_by(|x, y| x[1].1.total_cmp(&y[1].1))?;
+    let (before, after) = ((b.1 - a.1) / (b.0 - a.0), (c.1 - b.1) / (c.0 - b.0));
+    // The slope goes in a straight line from one middle to the next.
+    let (from, to) = (0.5 * (a.0 + b.0), 0.5 * (b.0 + c.0));
+    Some(libm::exp(from + (to - from) * before / (before - after)))
 }
 
 /// Phase, −360 to 0 degrees: a loop lags.
@@ -308,7 +326,10 @@ fn stability(stage: &Stage, seed: u64, pid: &Settings) -> Result<Vec<Stability>,
 impl LoopTransmission {
     /// The tables for a terminal.
     pub fn to_text(&self) -> String {
-        [self.figure_15_table(), self.section_8_2_table(), self.stability_table()].map(|t| t.to_text()).join("\n")
+        let tables = [self.figure_15_table(), self.section_8_2_table(), self.stability_table()];
+        let made = self.figure_15.len() + self.section_8_2.len();
+        let unfinished = (!self.complete).then(|| format!("Not complete: {made} of {SWEEPS} sweeps.\n"));
+        tables.iter().map(Table::to_text).chain(unfinished).collect::<Vec<_>>().join("\n")
     }
 
     /// Figure 15 in numbers.
@@ -347,21 +368,29 @@ impl LoopTransmission {
              appendix E, with its rate limit",
             plant(&self.plant)
         );
-        let columns = self.section_8_2.len() / SECTION_8_2_PERCENT.len();
-        let mut header = vec!["amplitude".to_owned()];
-        header.extend(self.section_8_2.iter().take(columns).map(|curve| match curve.rate_per_s {
+        let column = |curve: &Curve| match curve.rate_per_s {
             Some(rate) => format!("{}, {rate:.0} 1/s", curve.name),
             None => curve.name.clone(),
-        }));
-        let header: Vec<&str> = header.iter().map(String::as_str).collect();
-        self.section_8_2.chunks(columns).fold(Table::new(caption, &header), |table, curves| {
-            let cell = |curve: &Curve| {
-                let pairs = curve.crossover_hz.iter().zip(&curve.phase_margin_deg);
-                let text: Vec<String> =
-                    pairs.map(|(hz, deg)| format!("{} ({})", number(*hz, 1), number(*deg, 0))).collect();
-                if text.is_empty() { MISSING.to_owned() } else { text.join(", ") }
-            };
-            table.row(std::iter::once(format!("{} %", curves[0].amplitude_percent)).chain(curves.iter().map(cell)))
+        };
+        let mut columns: Vec<String> = Vec::new();
+        for name in self.section_8_2.iter().map(column) {
+            if !columns.contains(&name) {
+                columns.push(name);
+            }
+        }
+        let cell = |curve: &Curve| {
+            let pairs = curve.crossover_hz.iter().zip(&curve.phase_margin_deg);
+            let text: Vec<String> =
+                pairs.map(|(hz, deg)| format!("{} ({})", number(*hz, 1), number(*deg, 0))).collect();
+            if text.is_empty() { MISSING.to_owned() } else { text.join(", ") }
+        };
+        let header: Vec<&str> = std::iter::once("amplitude").chain(columns.iter().map(String::as_str)).collect();
+        let rows = self.section_8_2.chunk_by(|a, b| a.amplitude_percent == b.amplitude_percent);
+        rows.fold(Table::new(caption, &header), |table, curves| {
+            let cells = columns
+                .iter()
+                .map(|name| curves.iter().find(|curve| column(curve) == *name).map_or(MISSING.to_owned(), &cell));
+            table.row(std::iter::once(format!("{} %", curves[0].amplitude_percent)).chain(cells))
         })
     }
 
@@ -390,4 +419,20 @@ impl LoopTransmission {
 fn list(values: &[f64], decimals: usize) -> String {
     let text: Vec<String> = values.iter().map(|v| number(*v, decimals)).collect();
     if text.is_empty() { MISSING.to_owned() } else { text.join(", ") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_resonance_between_two_tones_is_found() {
+        let at = |hz: f64| {
+            let off = libm::log(hz / 400.0);
+            (hz, Complex { re: libm::exp(-3.0 * off * off), im: 0.0 })
+        };
+        let found = resonance_hz(&[120.0, 250.0, 330.0, 430.0, 560.0].map(at)).unwrap();
+        assert!((found - 400.0).abs() < 0.5, "{found} Hz");
+        assert_eq!(resonance_hz(&[30.0, 40.0, 50.0].map(at)), None);
+    }
 }

@@ -22,6 +22,8 @@ pub struct Models {
     pub thesis_section: &'static str,
     /// Where the numbers come from.
     pub origin: &'static str,
+    /// Whether every model was fitted.
+    pub complete: bool,
     /// Figure 4.
     pub motion: Curve,
     /// Figures 5 to 10.
@@ -61,8 +63,8 @@ pub struct Model {
 /// Number of fits, for progress.
 pub const FITS: u64 = FIGURES_5_TO_10.len() as u64;
 
-/// Computes figure 4 and fits the models; nothing if it was stopped.
-pub fn run(watch: Watch) -> Option<Models> {
+/// Computes figure 4 and fits the models. Ended from outside, it has those that are fitted.
+pub fn run(watch: Watch) -> Models {
     let motion = curves::figure_4();
     let force_rms_n = libm::sqrt(motion.force_n.iter().map(|f| f * f).sum::<f64>() / motion.force_n.len() as f64);
     let fit = |fit: &fn(&Motion) -> Fit| {
@@ -70,14 +72,15 @@ pub fn run(watch: Watch) -> Option<Models> {
         (watch.finished)(1);
         found
     };
-    let fits = FIGURES_5_TO_10.par_iter().with_max_len(1).map(fit).collect::<Option<_>>()?;
-    Some(Models {
+    let fits: Vec<Option<Model>> = FIGURES_5_TO_10.par_iter().with_max_len(1).map(fit).collect();
+    Models {
         experiment: "models",
         thesis_section: "2.1 to 2.5",
         origin: ORIGIN,
-        fits,
+        complete: fits.iter().all(Option::is_some),
+        fits: fits.into_iter().flatten().collect(),
         motion: Curve::new(&motion, force_rms_n),
-    })
+    }
 }
 
 /// A number with four digits or so.
@@ -116,7 +119,8 @@ impl Model {
 impl Models {
     /// The table for a terminal.
     pub fn to_text(&self) -> String {
-        self.table().to_text()
+        let unfinished = (!self.complete).then(|| format!("\nNot complete: {} of {FITS} fits.\n", self.fits.len()));
+        self.table().to_text() + &unfinished.unwrap_or_default()
     }
 
     /// How near each model comes.

@@ -5,6 +5,7 @@ mod json;
 use serde::Serialize;
 use servo_core::SERVO_HZ;
 use servo_core::compensator::Compensator;
+use servo_core::fault::Fault;
 use servo_core::fingerprint::Fingerprint;
 use servo_core::parameters::Settings;
 use servo_sim::Stage;
@@ -78,6 +79,8 @@ pub struct ConfigOutcome {
     pub compensator: String,
     /// Moves lost to a fault of the drive.
     pub faults: usize,
+    /// The first of them: number and name.
+    pub first_fault: Option<String>,
     /// Root mean square of the position error while the profile moves (nm).
     pub tracking_rms_nm: Option<f64>,
     /// Root mean square of the position error when the profile ends (nm).
@@ -145,7 +148,7 @@ impl Outcome {
             _ => None,
         };
         let claims = match (plan.request.experiment, &only) {
-            (Experiment::Compensators, Some(run)) => claims::of(run),
+            (Experiment::Compensators, Some(run)) if !passes.is_empty() => claims::of(run),
             _ => Vec::new(),
         };
         Outcome {
@@ -171,18 +174,24 @@ impl Outcome {
     /// The tables for a terminal.
     pub fn to_text(&self) -> String {
         let mut text: String = self.search.iter().map(|search| search.table().to_text() + "\n").collect();
+        let made = self.all().next().map_or(0, |run| run.settling.moves);
+        if made == 0 {
+            return text + "Not complete: ended before the first moves were finished.\n";
+        }
         text.extend(self.all().map(|run| run.table().to_text() + "\n"));
         text += &self.configurations().to_text();
         if !self.claims.is_empty() {
             text += &format!("\n{}", claims::table(&self.claims).to_text());
         }
+        for run in self.all() {
+            text.extend(run.configs.iter().filter_map(|config| {
+                let fault = config.first_fault.as_ref()?;
+                Some(format!("{}: {} of {made} moves lost to {fault}\n", config.settling.name, config.faults))
+            }));
+        }
         text += &format!("Results {}\n", self.results_hash);
         if !self.complete {
-            text += &format!(
-                "\nNot complete: {} of {} moves per configuration.\n",
-                self.all().next().map_or(0, |run| run.settling.moves),
-                self.moves_requested
-            );
+            text += &format!("\nNot complete: {made} of {} moves per configuration.\n", self.moves_requested);
         }
         text
     }
@@ -330,6 +339,7 @@ impl ConfigOutcome {
             reduction_percent: means.map(|(before, after)| reduction_percent((*before)?, (*after)?)).collect(),
             compensator: Compensator::ALL[case.settings.compensator as usize].name().to_owned(),
             faults: moves.iter().filter(|m| m.fault.is_some()).count(),
+            first_fault: moves.iter().find_map(|m| m.fault).map(fault_in_words),
             tracking_rms_nm: rms_nm(|m| m.tracking),
             end_error_rms_nm: rms_nm(|m| m.end),
             after_settling_rms_nm: rms_nm(|m| m.after_settling),
@@ -338,6 +348,12 @@ impl ConfigOutcome {
             parameters: case.settings,
         }
     }
+}
+
+/// `fault 8 (Following error)`.
+fn fault_in_words(number: u16) -> String {
+    let title = Fault::by_number(number).map_or("unknown", Fault::title);
+    format!("fault {number} ({title})")
 }
 
 /// Fingerprint of passes, as they are written in a part's file.

@@ -58,12 +58,16 @@ pub struct Step100Um {
     pub origin: &'static str,
     /// Seed of friction and noise.
     pub seed: u64,
+    /// Steps with friction drawn that were asked for.
+    pub moves_requested: u64,
+    /// Whether all of them were made.
+    pub complete: bool,
     /// The step on the stage as it stands in its file.
     pub stage: Swing,
     /// The same drive on the same mass with next to no friction: what the linear approximation predicts.
     pub linear: Swing,
-    /// Median time between extremes of the linear stage (ms).
-    pub linear_leg_ms: f64,
+    /// Median time between extremes of the linear stage (ms); `None` if it does not swing, and then nothing is found.
+    pub linear_leg_ms: Option<f64>,
     /// F_C/k_P: nearer to the target the proportional force alone cannot overcome friction (nm).
     pub stuck_within_nm: f64,
     /// What the procedure says of the stage.
@@ -119,11 +123,11 @@ pub struct Finding {
     pub next_leg_ms: Option<f64>,
 }
 
-/// Makes the steps; `None` if it was ended from outside.
+/// Makes the steps. Ended from outside, it is of those that are finished.
 ///
 /// # Errors
 /// A stage that the drive's parameters cannot describe.
-pub fn run(stage: &Stage, moves: u64, seed: u64, watch: Watch) -> Result<Option<Step100Um>, Refusal> {
+pub fn run(stage: &Stage, moves: u64, seed: u64, watch: Watch) -> Result<Step100Um, Refusal> {
     let settings = tuning::settings(stage, &STANDARD)?;
     let mut free = *stage;
     free.friction.spread = None;
@@ -133,7 +137,7 @@ pub fn run(stage: &Stage, moves: u64, seed: u64, watch: Watch) -> Result<Option<
     nominal.friction.spread = None;
     let swing = swing(&nominal, &settings, seed, 0)?;
     let linear = self::swing(&free, &settings, seed, 0)?;
-    let Some(linear_leg_ms) = median(legs(&linear)) else { return Ok(None) };
+    let linear_leg_ms = median(legs(&linear));
     let redrawn: Vec<Option<Option<Finding>>> = (0..moves)
         .into_par_iter()
         .map(|index| {
@@ -156,22 +160,24 @@ pub fn run(stage: &Stage, moves: u64, seed: u64, watch: Watch) -> Result<Option<
         Ok(LessFriction { coulomb_n: round_to(coulomb_n, 4), stuck_within_nm, extreme_nm })
     };
     let by_friction: Vec<LessFriction> = LESS.par_iter().map(|share| less(*share)).collect::<Result<_, Refusal>>()?;
-    let Some(redrawn) = redrawn.into_iter().collect::<Option<Vec<_>>>() else { return Ok(None) };
-    Ok(Some(Step100Um {
+    let redrawn: Vec<Option<Finding>> = redrawn.into_iter().flatten().collect();
+    Ok(Step100Um {
         experiment: "step-100um",
         thesis_section: "5.3",
         origin: ORIGIN,
         seed,
+        moves_requested: moves,
+        complete: redrawn.len() as u64 == moves,
         finding: finding(&swing, linear_leg_ms),
         linear_finding: finding(&linear, linear_leg_ms),
         stage: swing,
         linear,
-        linear_leg_ms: round_to(linear_leg_ms, 3),
+        linear_leg_ms: linear_leg_ms.map(|ms| round_to(ms, 3)),
         stuck_within_nm: round_to(stage.friction.coulomb_n / gains(&settings).kp_n_per_m * 1e9, 1),
         redrawn,
         by_friction,
         plant: nominal,
-    }))
+    })
 }
 
 /// The step, after a move that leaves the guides rolling.
@@ -240,12 +246,13 @@ fn median(mut values: Vec<f64>) -> Option<f64> {
 }
 
 /// The first leg that takes longer than a linear one, the last way to the target among them.
-fn finding(swing: &Swing, linear_leg_ms: f64) -> Option<Finding> {
+fn finding(swing: &Swing, linear_leg_ms: Option<f64>) -> Option<Finding> {
+    let slow_ms = SLOW * linear_leg_ms?;
     let mut legs = legs(swing);
     let reversals = legs.len();
     // The last extreme may lie within the hysteresis of the target, or so near that nothing is left to go.
     legs.extend(swing.settled_ms.zip(swing.extreme_ms.last()).map(|(end, last)| (end - last).max(0.0)));
-    let slow = legs.iter().position(|ms| *ms > SLOW * linear_leg_ms)?;
+    let slow = legs.iter().position(|ms| *ms > slow_ms)?;
     let distance_nm = |extreme: usize| swing.extreme_nm[extreme].abs();
     Some(Finding {
         linear_down_to_nm: slow.checked_sub(1).map(distance_nm),
@@ -259,7 +266,11 @@ fn finding(swing: &Swing, linear_leg_ms: f64) -> Option<Finding> {
 impl Step100Um {
     /// The tables for a terminal.
     pub fn to_text(&self) -> String {
-        [self.extremes_table(), self.finding_table(), self.friction_table()].map(|table| table.to_text()).join("\n")
+        let tables = [self.extremes_table(), self.finding_table(), self.friction_table()];
+        let unfinished = (!self.complete).then(|| {
+            format!("Not complete: {} of {} steps with friction drawn.\n", self.redrawn.len(), self.moves_requested)
+        });
+        tables.iter().map(Table::to_text).chain(unfinished).collect::<Vec<_>>().join("\n")
     }
 
     /// Extremes of both swings.
@@ -311,7 +322,7 @@ impl Step100Um {
              the next extreme or, if the stage creeps, to the target; thesis, the stage as in its file, the same without friction, \
              and {} steps with friction drawn for each (median, least, largest). F_C/k_P is {} nm: a swing that cannot reach \
              farther than that ends there, and the integrator creeps the rest",
-            number(self.linear_leg_ms, 1),
+            self.linear_leg_ms.map_or(MISSING.to_owned(), |ms| number(ms, 1)),
             self.redrawn.len(),
             number(self.stuck_within_nm, 0)
         );
@@ -367,10 +378,11 @@ mod tests {
             creeps: false,
             next_leg_ms: Some(67.0),
         };
-        assert_eq!(finding(&swing, 8.0), Some(expected));
+        assert_eq!(finding(&swing, Some(8.0)), Some(expected));
         let linear = Swing { extreme_ms: vec![8.0, 16.0, 24.0], settled_ms: Some(30.0), ..swing };
-        assert_eq!(finding(&linear, 8.0), None);
-        let creeping = finding(&Swing { settled_ms: Some(90.0), ..linear }, 8.0).unwrap();
+        assert_eq!(finding(&linear, Some(8.0)), None);
+        assert_eq!(finding(&linear, None), None, "nothing to compare with");
+        let creeping = finding(&Swing { settled_ms: Some(90.0), ..linear }, Some(8.0)).unwrap();
         assert!(creeping.creeps && creeping.slow_leg_ms == 66.0 && creeping.length_scale_nm == 3810.0);
         assert_eq!(creeping.linear_down_to_nm, Some(13e3));
     }

@@ -156,10 +156,10 @@ pub fn run(request: Request, observer: &dyn Observer) -> Result<Computed> {
     let mut work = Work { computed: Computed { request, ..Computed::default() }, observer };
     work.part("2 friction models", |w| {
         let finished = w.observer.begin("models", fits::FITS, "fits");
-        let Some(found) = fits::run(Watch { stop: w.observer.stop(), finished: &finished }) else { return Ok(None) };
+        let found = fits::run(Watch { stop: w.observer.stop(), finished: &finished });
         drop(finished);
         w.keep("models", &found)?;
-        Ok(Some(models::section(&found)))
+        Ok(found.complete.then(|| models::section(&found)))
     })?;
     work.part("3.2 stage and profiles", |w| Ok(Some(stage::section(&w.computed.request.stage))))?;
     work.part("4 compensators", |w| {
@@ -276,7 +276,7 @@ impl Work<'_> {
         Ok(Some((plan, outcome)))
     }
 
-    /// The loop transmissions; `None` if they were ended.
+    /// The loop transmissions; `None` if they were ended: with a part of them there is nothing to judge.
     fn loop_transmission(&mut self) -> Result<Option<LoopTransmission>> {
         let finished = self.observer.begin("loop-transmission", loop_transmission::SWEEPS, "sweeps");
         let watch = Watch { stop: self.observer.stop(), finished: &finished };
@@ -285,7 +285,7 @@ impl Work<'_> {
         if let Some(measured) = &measured {
             self.keep("loop-transmission", measured)?;
         }
-        Ok(measured)
+        Ok(measured.filter(|measured| measured.complete))
     }
 
     /// The 100 µm steps; `None` if they were ended.
@@ -300,9 +300,8 @@ impl Work<'_> {
         let watch = Watch { stop: self.observer.stop(), finished: &finished };
         let found = step_100um::run(&request.stage, steps, request.seed, watch)?;
         drop(finished);
-        let Some(found) = found else { return Ok(None) };
         self.keep("step-100um", &found)?;
-        Ok(Some(length_scale::section(&found)))
+        Ok(found.complete.then(|| length_scale::section(&found)))
     }
 
     /// The identification study; `None` if it was ended.
@@ -314,9 +313,9 @@ impl Work<'_> {
         let watch = Watch { stop: self.observer.stop(), finished: &finished };
         let study = identification_study::run(&request.stage, runs, steps, request.seed, watch)?;
         drop(finished);
-        let Some(study) = study.filter(|study| study.complete) else { return Ok(None) };
+        let Some(study) = study else { return Ok(None) };
         self.keep("identification-study", &study)?;
-        Ok(Some(identification::section(&study)))
+        Ok(study.complete.then(|| identification::section(&study)))
     }
 
     /// Traces of PID and of the thesis' NIASA in some comparisons of a plan, in pairs.

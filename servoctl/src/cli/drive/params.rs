@@ -187,8 +187,10 @@ fn dump(settings: &Settings, drive: &Drive) -> String {
     );
     for row in TABLE {
         let value = row.get(settings);
-        let value = if row.unit.is_empty() { value.to_string() } else { format!("\"{value} {}\"", row.unit) };
-        let _ = write!(text, "\n# {}\n# {} … {} {}\n{} = {value}\n", row.doc, row.min, row.max, row.unit, row.name);
+        let value = units::show_exactly(value);
+        let value = if row.unit.is_empty() { value } else { format!("\"{value} {}\"", row.unit) };
+        let [min, max] = [row.min, row.max].map(units::show_number);
+        let _ = write!(text, "\n# {}\n# {min} … {max} {}\n{} = {value}\n", row.doc, row.unit, row.name);
     }
     text
 }

@@ -68,7 +68,7 @@ pub fn with_niasa(measured: &LoopTransmission) -> Section {
     Section::new("8.2 Loop transmission with NIASA")
         .finding(Target::LargeCrossover, first_crossovers(&large), &large_checks(&large))
         .judged(Target::SmallCrossover, small_words, small_verdict)
-        .finding(Target::WithoutRateLimit, stability_in_words(&measured.stability), &stability_checks(&measured.stability))
+        .judged(Target::WithoutRateLimit, stability_in_words(&measured.stability), stability_verdict(&measured.stability))
         .conditions(conditions(measured, "PID 315 Hz / 50°, NIASA as in appendix E"))
         .text(format!(
             "The thesis' small amplitude is one that “remains in the pre-rolling regime”; it is not printed. Shown is the largest whose force \
@@ -156,7 +156,8 @@ fn resonance_verdict(measured: &LoopTransmission) -> Verdict {
     let rigid_hz = |stiffness: f64| libm::sqrt(stiffness / measured.plant.mechanics.mass_kg) / TAU;
     let sigma = measured.plant.friction.stiffness_n_per_m;
     judge(&checks).because(format!(
-        "The mass on σ swings at {} Hz, on the small-signal stiffness 2σ at {} Hz; the sweep has a point every 13 %",
+        "The mass on σ swings at {} Hz, on the small-signal stiffness 2σ, which parallel elements have and Dahl's model has not, at {} Hz: \
+         the less the stage moves, the nearer it comes to the latter",
         number(rigid_hz(sigma), 0),
         number(rigid_hz(2.0 * sigma), 0)
     ))
@@ -202,6 +203,20 @@ fn stability_checks(cases: &[Stability]) -> Vec<Check> {
         checks.push(Check::new(unstable > 0, says));
     }
     checks
+}
+
+/// Partly, if it takes more delay than the drive here has.
+fn stability_verdict(cases: &[Stability]) -> Verdict {
+    let left = |late: bool| {
+        let left_over = cases.iter().filter(|case| !case.rate_limited && case.a_tick_late == late);
+        number(1e6 * left_over.map(|case| case.left_over_m_per_s).fold(0.0, f64::max), 1)
+    };
+    judge(&stability_checks(cases)).because(format!(
+        "It hangs on the delay: a second after the excitation at most {} µm/s are left with the drive's, which has its force within the \
+         servo period of the sample, and {} µm/s with a period more, as in a drive that puts its force out in the next one",
+        left(false),
+        left(true)
+    ))
 }
 
 fn stability_in_words(cases: &[Stability]) -> String {
@@ -264,6 +279,7 @@ pub(super) mod tests {
             thesis_section: "",
             origin: "",
             seed: 1,
+            complete: true,
             figure_15: vec![curve(1.25, None, &[100.0], "mass"), curve(0.625, None, &[], "spring")],
             section_8_2: section_8_2.collect(),
             section_8_2_ki_n_per_m_s: 2e8,

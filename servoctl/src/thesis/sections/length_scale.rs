@@ -26,7 +26,7 @@ pub fn section(step: &Step100Um) -> Section {
     let shown = |value: Option<f64>, decimals| value.map_or(MISSING.to_owned(), |v| number(v, decimals));
     let legs = format!(
         "{} ms; {} ms from ±{} nm{}; then {}",
-        number(step.linear_leg_ms, 1),
+        shown(step.linear_leg_ms, 1),
         shown(found.map(|f| f.slow_leg_ms), 1),
         shown(found.map(|f| f.length_scale_nm), 0),
         if found.is_some_and(|f| f.creeps) { ", to the target" } else { "" },
@@ -68,7 +68,7 @@ fn legs_verdict(step: &Step100Um) -> Verdict {
     let found = step.finding.as_ref();
     let linear = (LEGS_MS[0] - ABOUT_MS, LEGS_MS[0] + ABOUT_MS);
     judge(&[
-        Check::within("linear leg", Some(step.linear_leg_ms), linear, 1, "ms"),
+        Check::within("linear leg", step.linear_leg_ms, linear, 1, "ms"),
         Check::within("first slow leg", found.map(|f| f.slow_leg_ms), factor_of(LEGS_MS[1]), 1, "ms"),
         Check::within("leg after it", found.and_then(|f| f.next_leg_ms), factor_of(LEGS_MS[2]), 1, "ms"),
     ])
@@ -157,9 +157,11 @@ mod tests {
             thesis_section: "",
             origin: "",
             seed: 1,
+            moves_requested: 0,
+            complete: true,
             stage: swing.clone(),
             linear: swing,
-            linear_leg_ms: 8.1,
+            linear_leg_ms: Some(8.1),
             stuck_within_nm: 1474.0,
             finding,
             linear_finding: None,

@@ -23,7 +23,8 @@ pub fn section(models: &Models) -> Section {
         .finding(Target::GmsSum, format!("{} N", number(sum_n, 4)), &[sum])
         .text(
             "The thesis' measured data are not printed. The elements of its table 4, which it fitted to them, stand for the stage here, \
-             so that the fit of the GMS model is exact by construction, and the others show what they cannot follow.",
+             so that a GMS model comes as near as its elements are like those: the fit looks for reaches a constant factor apart and \
+             leaves away elements that would have to push. The other models show what they cannot follow.",
         )
         .figure(
             &[4],
@@ -39,7 +40,7 @@ pub fn section(models: &Models) -> Section {
     let section = section.figure(
         &[8, 9, 10, 83],
         of_figures(models, 8..=10),
-        format!("models with a state (orange) fitted to that friction (blue): Dahl, LuGre, GMS with eight elements; {ORIGIN}"),
+        format!("models with a state (orange) fitted to that friction (blue): Dahl, LuGre, GMS; {ORIGIN}"),
     );
     section.table(&[4], table_4())
 }

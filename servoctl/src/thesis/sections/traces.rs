@@ -135,6 +135,7 @@ pub(crate) mod tests {
             reduction_percent: reductions(config),
             compensator: String::new(),
             faults: 0,
+            first_fault: None,
             tracking_rms_nm: None,
             end_error_rms_nm: Some(31.0),
             after_settling_rms_nm: None,
