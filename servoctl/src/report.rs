@@ -7,7 +7,7 @@ use crate::plot::{self, Plot};
 use crate::table::Table;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
-mod typeset;
+pub(crate) mod typeset;
 use typeset::typeset;
 
 const STYLE: &str = include_str!("report/style.css");

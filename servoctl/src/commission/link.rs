@@ -112,7 +112,7 @@ pub trait Link {
 
 /// Time between two looks at the drive, s.
 const LOOK_S: f64 = 0.02;
-/// Longest wait for rest when all is to end, s.
+/// Longest wait for rest, and for the bridge to turn off, when all is to end, s.
 const BRAKE_S: f64 = 1.0;
 /// Longest wait for anything, s.
 const PATIENCE_S: f64 = 120.0;
@@ -234,6 +234,20 @@ impl Session<'_> {
             self.link.wait(LOOK_S)?;
         }
         Ok(())
+    }
+
+    /// Looks until the bridge is off: up to a second.
+    ///
+    /// # Errors
+    /// That of the line; [`Failure::Late`].
+    pub fn bridge_off(&mut self) -> Result<(), Failure> {
+        for _ in 0..(BRAKE_S / LOOK_S) as u32 {
+            if !self.link.status()?.state.has_torque() {
+                return Ok(());
+            }
+            self.link.wait(LOOK_S)?;
+        }
+        Err(Failure::Late("the bridge's turning off"))
     }
 
     /// Plays an excitation that has to come to its end.

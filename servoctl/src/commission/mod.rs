@@ -332,10 +332,11 @@ pub fn run(
     }
 }
 
-/// Brakes what moves, then turns the bridge off; the bridge goes off even if braking fails.
+/// Brakes what moves, then turns the bridge off and looks whether it is; the bridge goes off even if braking fails.
 fn end(session: &mut Session) -> Result<(), Failure> {
     let braked = session.brake();
     session.link.order(&Order::Disable)?;
+    session.bridge_off()?;
     braked
 }
 

@@ -30,7 +30,7 @@ pub fn typeset(text: &str) -> Markup {
 
 /// The word at the beginning, if it is short and nothing of a name follows.
 fn word(text: &str) -> &str {
-    let end = text.find(|c: char| !c.is_alphanumeric()).unwrap_or(text.len());
+    let end = text.find(|c: char| !c.is_alphabetic() && !c.is_ascii_digit()).unwrap_or(text.len());
     let follows = text[end..].starts_with('_');
     if text[..end].chars().count() > LONGEST || follows { "" } else { &text[..end] }
 }

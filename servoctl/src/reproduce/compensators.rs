@@ -25,8 +25,8 @@ pub const PROCEDURE: &str = "for every candidate of a coarse grid the PD gains a
      10 % of full current on the nominal stage, has the crossover frequency and phase margin of the PID 100 Hz / 45° (to 3 Hz and \
      3°); candidates whose unrest in position, in the same last 500 ms of the same dwell as in the results, exceeds the PID's by more \
      than a tenth are dropped; of the rest the one with the least cost is taken: mean settling time to ±10 nm plus that to ±100 nm \
-     over ten moves of another seed, a move that does not settle counting as its whole dwell; for feedforward, which is there for \
-     the motion, the rms error while moving; between equals the least error that stays decides";
+     over ten moves of another seed (fewer if fewer are compared), a move that does not settle counting as its whole dwell; for \
+     feedforward, which is there for the motion, the rms error while moving; between equals the least error that stays decides";
 
 /// Added to the seed for the moves that the tuning sees.
 const TRAINING: u64 = 1_000;
@@ -339,7 +339,7 @@ fn margins(stage: &Stage, settings: &Settings, around_hz: f64, seed: u64) -> Opt
 fn judged(request: &Request, margins: (f64, f64), settings: Settings) -> Result<Trial, Refusal> {
     let (stage, steps) = (request.stage, FIVE_MM_SLOW);
     let case = Case { name: String::new(), stage, settings, steps, tolerances_nm: vec![10, 100] };
-    let moves = pass::run(&case, request.seed.wrapping_add(TRAINING), 0, pass::MOVES)?;
+    let moves = pass::run(&case, request.seed.wrapping_add(TRAINING), 0, pass::MOVES.min(request.moves))?;
     let count = moves.len() as f64;
     let variance_ct2 = moves.iter().map(|m| m.rest.variance_ct2()).sum::<f64>() / count;
     let ms = |ticks: &Option<u32>| ticks.map_or(steps.dwell_s, |t| f64::from(t) / f64::from(SERVO_HZ)) * 1e3;

@@ -122,8 +122,7 @@ impl Experiment {
     pub fn moves(self) -> u64 {
         match self {
             Experiment::Exp1 | Experiment::InPosition => 250,
-            Experiment::Compensators => 100,
-            Experiment::Sensitivity => 30,
+            Experiment::Compensators | Experiment::Sensitivity => 100,
             _ => 500,
         }
     }

@@ -23,7 +23,7 @@ pub const MAX_ELEMENTS: usize = 32;
 ///
 /// # Piece by piece
 /// Until an element begins to slide, or those that slide turn back, all of them together are one spring. The elements are therefore
-/// clipped only where such a [`Piece`] of the path ends; a step within it costs no more than one element would.
+/// clipped only where such a piece of the path ends; a step within it costs no more than one element would.
 ///
 /// # Source
 /// Equation A.4 (corrected: as printed the elements have no memory).

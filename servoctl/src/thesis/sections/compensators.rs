@@ -24,20 +24,17 @@ const TEN_NM: usize = 2;
 fn observer_reason(outcome: &Outcome, run: &Run) -> String {
     let of = |name: &str| run.configs.iter().find(|config| config.settling.name == name);
     let mut reason = Vec::new();
-    for (observer, name) in [("lugre-observer", "LuGre"), ("dahl-observer", "Dahl")] {
-        let Some(config) = of(observer).filter(|_| outcome.complete) else { continue };
-        let model = config.parameters.friction_stiffness_n_per_m;
-        let [softer, stiffer] = [true, false].map(|softer| {
-            let stages = (0..).zip(&config.settling.settling_ms);
-            let moves: Vec<bool> = stages
-                .filter(|(index, _)| (drawn_stiffness_n_per_m(outcome, run, *index) < model) == softer)
-                .map(|(_, ms)| ms[TEN_NM].is_none())
-                .collect();
-            format!("{} of {}", moves.iter().filter(|unsettled| **unsettled).count(), moves.len())
-        });
+    let left_out: Vec<String> = [("lugre-observer", "LuGre"), ("dahl-observer", "Dahl")]
+        .into_iter()
+        .filter(|_| outcome.complete)
+        .filter_map(|(observer, model)| {
+            Some(format!("on {model}'s model {}", unsettled_by_stage(outcome, run, of(observer)?)))
+        })
+        .collect();
+    if !left_out.is_empty() {
+        let left_out = left_out.join("; ");
         reason.push(format!(
-            "With friction as it was identified, the observer on {name}'s model is not within ±10 nm at the end of {softer} moves whose \
-             stage is softer than the model (δ < 0 in 7.6), and of {stiffer} others"
+            "With friction as it was identified, moves that are not within ±10 nm at their end: {left_out}"
         ));
     }
     let niasa_ms = of("niasa").and_then(|niasa| niasa.typical_ms(TEN_NM));
@@ -67,11 +64,30 @@ fn observer_reason(outcome: &Outcome, run: &Run) -> String {
     reason.join(". ")
 }
 
-/// σ of the stage in a move (N/m).
-fn drawn_stiffness_n_per_m(outcome: &Outcome, run: &Run, index: u64) -> f64 {
+/// Of how many moves a configuration does not settle to ±10 nm, by how the stage's friction in the move compares with the model's.
+fn unsettled_by_stage(outcome: &Outcome, run: &Run, config: &ConfigOutcome) -> String {
+    let model = [config.parameters.friction_stiffness_n_per_m, config.parameters.friction_coulomb_n];
     let mut carriage = Carriage::new(&run.plant, outcome.seed);
-    carriage.redraw_friction(index);
-    carriage.drawn_friction()[0]
+    let moves: Vec<([bool; 2], bool)> = (0..)
+        .zip(&config.settling.settling_ms)
+        .map(|(index, ms)| {
+            carriage.redraw_friction(index);
+            let stage = carriage.drawn_friction();
+            ([0, 1].map(|i| stage[i] < model[i]), ms[TEN_NM].is_none())
+        })
+        .collect();
+    let count = |parameter: usize, lower: bool| {
+        let those: Vec<bool> =
+            moves.iter().filter(|(is, _)| is[parameter] == lower).map(|(_, left_out)| *left_out).collect();
+        format!("{} of {}", those.iter().filter(|left_out| **left_out).count(), those.len())
+    };
+    format!(
+        "{} with a stage softer than the model and {} with a stiffer one; {} with less F_C than the model's and {} with more",
+        count(0, true),
+        count(0, false),
+        count(1, true),
+        count(1, false)
+    )
 }
 
 /// The section: what `reproduce compensators` found.

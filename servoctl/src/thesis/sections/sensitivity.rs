@@ -2,6 +2,8 @@
 //! model whose slope NIASA takes (ch. 11).
 
 use super::settling::{conditions, range_in_words, reduction, sample, slower_at, table, tolerances};
+use servo_sim::friction::Element;
+
 use crate::plot::{Axis, Band, Plot, Series};
 use crate::reproduce::outcome::{ConfigOutcome, Run};
 use crate::reproduce::sensitivity::ON_TABLE_4;
@@ -84,7 +86,28 @@ fn gms_slope(runs: &[&Run]) -> (String, Verdict) {
         }
     }
     let words = if words.is_empty() { MISSING.to_owned() } else { format!("to ±{SHOWN_NM} nm {}", words.join("; ")) };
-    (words, judge(&checks))
+    (words, judge(&checks).because(runs.first().map_or(String::new(), |run| slope_near_the_target(run))))
+}
+
+/// How the slopes of the two models differ where a move ends: after a reversal, until the first element slides again.
+fn slope_near_the_target(run: &Run) -> String {
+    let friction = &run.plant.friction;
+    let elements = friction.scaled_elements();
+    let reach_m = |element: &Element| element.saturation_n / element.stiffness_n_per_m;
+    let Some(first) = elements.as_slice().iter().min_by(|a, b| reach_m(a).total_cmp(&reach_m(b))) else {
+        return String::new();
+    };
+    let way_m = 2.0 * reach_m(first);
+    let left = 1.0 - first.stiffness_n_per_m / elements.stiffness_n_per_m();
+    let dahl = libm::exp(-friction.stiffness_n_per_m * way_m / friction.coulomb_n);
+    format!(
+        "After a reversal the slope of the stage's elements is down to {} % within {} nm, where the first of them slides again; Dahl's is \
+         still at {} %. The integral of 7.55 is little else than that slope, and weaker by as much over the last nanometres; appendix E \
+         has the linear one beside it",
+        number(100.0 * left, 0),
+        number(way_m * 1e9, 1),
+        number(100.0 * dahl, 0)
+    )
 }
 
 /// Half and twice the nominal value, which is more than ±50 %: faster than PID at every tolerance?
