@@ -13,7 +13,9 @@ use servo_protocol::message::{PROTOCOL, VIRTUAL_SERIAL};
 use servoctl::link::virtual_drive;
 use servoctl::program;
 
-use crate::{at, command, done, done_by, head, interrupt, json, program as typed, refused, refused_by, under_way};
+use crate::{
+    at, command, done, done_by, head, interrupt, json, program as typed, refused, refused_by, status_once, under_way,
+};
 
 /// Where this process has the firmware.
 fn elf() -> String {
@@ -161,9 +163,7 @@ pub fn what_moves_is_stopped() {
     let (mut child, _said) = under_way(command("move 45mm --velocity 2mm/s"));
     child.kill().unwrap();
     child.wait().unwrap();
-    // A status may be of some ms ago.
-    thread::sleep(Duration::from_millis(500));
-    assert_eq!(json("status")["moving"], true);
+    status_once(|status| status["moving"] == true);
     let stopped = json("stop");
     assert_eq!((&stopped["moving"], &stopped["state"]), (&false.into(), &"Operation enabled".into()));
     assert!(json("status")["position_m"].as_f64().unwrap() < 0.044);
