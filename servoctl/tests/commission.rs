@@ -138,6 +138,19 @@ fn it_goes_on_from_what_was_written_down() {
     assert!(link.saved.is_some_and(|saved| saved.compensator == 1.0));
 }
 
+/// On a drive that has just been switched on, with NIASA in its parameters.
+#[test]
+fn it_goes_on_from_every_step() {
+    let (found, ended) = up_to(Step::Save, &mut Simulated::new(&steady(), 1).unwrap(), STANDARD);
+    assert_eq!(ended, Ok(()));
+    for from in Step::ALL {
+        let mut link = Simulated::new(&steady(), 2).unwrap();
+        commission(&mut link, from, STANDARD, &mut found.clone()).unwrap_or_else(|why| panic!("{from:?}: {why:?}"));
+        assert!(link.saved.is_some_and(|saved| saved.compensator == 1.0), "{from:?}");
+        assert_eq!(stages::unsafe_end(&mut link, &steady(), &found, false, 2), None, "{from:?}");
+    }
+}
+
 /// What counts as unsafe is seen: a bridge that is on, motion, steps that are missing, parameters that oscillate.
 #[test]
 fn an_unsafe_end_is_recognised() {

@@ -2,7 +2,6 @@
 
 use servo_core::SERVO_HZ;
 use servo_core::cascade::{CascadeGains, ParallelGains};
-use servo_core::config::Compensator;
 use servo_core::measure::{Node, Shape};
 use servo_core::parameters::Settings;
 use servo_core::refusal::Refusal;
@@ -72,7 +71,6 @@ pub fn offsets(session: &mut Session, found: &mut Found) -> Result<String, Failu
 pub fn alignment(session: &mut Session, found: &mut Found) -> Result<String, Failure> {
     let settings = with_gains(&session.settings, &CAUTIOUS)?;
     session.configure(settings)?;
-    session.link.order(&Order::Compensator(Compensator::None))?;
     session.look()?;
     let refused = session.link.order(&Order::Enable);
     if let Err(Failure::Refused(Refusal::NotAligned(_))) = refused {
@@ -90,7 +88,6 @@ pub fn alignment(session: &mut Session, found: &mut Found) -> Result<String, Fai
 pub fn safety(session: &mut Session, found: &mut Found) -> Result<String, Failure> {
     let settings = with_gains(&session.settings, &CAUTIOUS)?;
     session.configure(settings)?;
-    session.link.order(&Order::Compensator(Compensator::None))?;
     session.enable()?;
     let rest = bounds(&settings).around(Shape::Pulse { amplitude: 0.0, length_s: 0.25 });
     let samples = session.capture(&Order::Excite(rest), 0.2, 1)?;
@@ -119,6 +116,7 @@ pub fn plant(session: &mut Session, found: &mut Found) -> Result<String, Failure
     let amplitude_n = |hz: f64| (LIGHTEST_KG * std::f64::consts::TAU * hz * speed).min(SWEEP_MAX_N);
     let tones: Vec<Tone> =
         logarithmic(SWEEP_HZ, SWEEP_POINTS).map(|hz| Tone { hz, amplitude: amplitude_n(hz) }).collect();
+    session.enable()?;
     let mut carrier = Carrier::begin(session, CARRIER_M_PER_S)?;
     let readings = sweep(session, &tones, &bounds(&settings), Some(&mut carrier), (0, SWEEP_POINTS))?;
     let plant: Vec<Point> = readings.iter().map(|reading| sweep::plant(reading, settings.encoder_count_m)).collect();

@@ -31,6 +31,7 @@ use std::collections::BTreeMap;
 use std::sync::atomic::AtomicBool;
 
 use serde::{Deserialize, Serialize};
+use servo_core::config::Compensator;
 use servo_core::fault::Fault;
 use servo_core::measure::Exceeded;
 use servo_core::parameters::{Parameter, Settings, TABLE};
@@ -315,7 +316,7 @@ pub fn run(
 ) -> Result<(), (Step, Failure)> {
     let mut session = Session { link, stop, settings: plan.settings, said };
     found.done.retain(|(step, _)| *step < plan.from);
-    let result = begin(&mut session, found).map_err(|failure| (plan.from, failure)).and_then(|()| {
+    let result = begin(&mut session, found, plan.from).map_err(|failure| (plan.from, failure)).and_then(|()| {
         for step in Step::ALL.into_iter().filter(|step| *step >= plan.from) {
             (session.said)(Event::Begins(step));
             let result = step.run(&mut session, found, &plan.wish);
@@ -340,9 +341,12 @@ fn end(session: &mut Session) -> Result<(), Failure> {
     braked
 }
 
-/// Takes up what is written down.
-fn begin(session: &mut Session, found: &Found) -> Result<(), Failure> {
-    let settings = found.settings(&session.settings)?;
+/// Takes up what is written down; what is measured is measured without a compensator.
+fn begin(session: &mut Session, found: &Found, from: Step) -> Result<(), Failure> {
+    let mut settings = found.settings(&session.settings)?;
+    if from <= Step::Verification {
+        settings.compensator = f64::from(Compensator::None as u8);
+    }
     session.configure(settings)
 }
 
