@@ -154,7 +154,7 @@ const FIRST_ID: u32 = 0xffff_fff0;
 fn any_command(random: &mut Pcg64) -> Request {
     let mut number = |below: u64| random.next_u64() % below;
     let limits = Limits { velocity_m_per_s: 0.1, acceleration_m_per_s2: 1.0, jerk_m_per_s3: None };
-    match number(17) {
+    match number(19) {
         0 => Request::Enable,
         1 => Request::Disable,
         2 => Request::ResetFault,
@@ -187,6 +187,8 @@ fn any_command(random: &mut Pcg64) -> Request {
             })
         }
         15 => Request::Align,
+        16 => Request::CollectSignals,
+        17 => Request::CorrectSignals,
         _ => Request::GetParameter(number(1000) as u16),
     }
 }
