@@ -268,7 +268,7 @@ fn ten_thousand_commands_of_every_kind_over_a_bad_line_are_each_carried_out_once
             let (done, reported) = (done[row.request], reported[row.request]);
             assert!(reported > 400 && done >= reported && done < reported + 30, "{}: {reported} {done}", row.request);
         }
-        // The line is bad enough to test something, and good enough for six attempts.
+        // The line is bad enough to test something, and good enough for the attempts that there are.
         let unknown = outcome.unknown.len();
         println!("flipped {} ‰, dropped {} ‰: {unknown} unknown", damage.flipped, damage.dropped);
         assert!(unknown < 150, "{unknown} of 10,000 given up");
