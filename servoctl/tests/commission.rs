@@ -3,11 +3,16 @@
 use std::process::{Command, Output};
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use servo_core::capture;
 use servo_core::config::Compensator;
+use servo_core::measure::Reading;
 use servo_core::parameters::Settings;
 use servo_ident::tuning::{HIGH_PERFORMANCE, STANDARD, Wish};
 use servo_sim::Stage;
-use servoctl::commission::{Event, Failure, Found, Link, Many, Order, Plan, Simulated, Step, run, stages};
+use servoctl::commission::{
+    Event, Failure, Found, Link, Many, Order, Plan, Simulated, Status, Step, page, run, stages,
+};
+use servoctl::link::Capture;
 
 static NEVER: AtomicBool = AtomicBool::new(false);
 
@@ -95,6 +100,77 @@ fn a_stop_ends_it_with_the_bridge_off_and_the_name_of_the_step() {
     assert!(!link.bridge_is_on());
 }
 
+/// A line that is pulled at the end of a step: nothing that is said afterwards reaches the drive.
+struct Pulled<'a> {
+    drive: Simulated,
+    pulled: &'a AtomicBool,
+}
+
+impl Pulled<'_> {
+    fn line(&mut self) -> Result<&mut Simulated, Failure> {
+        if self.pulled.load(Ordering::Relaxed) {
+            Err(Failure::Line("the line is cut".to_owned()))
+        } else {
+            Ok(&mut self.drive)
+        }
+    }
+}
+
+impl Link for Pulled<'_> {
+    fn serial(&self) -> String {
+        self.drive.serial()
+    }
+    fn configure(&mut self, settings: &Settings) -> Result<(), Failure> {
+        self.line()?.configure(settings)
+    }
+    fn order(&mut self, order: &Order) -> Result<(), Failure> {
+        self.line()?.order(order)
+    }
+    fn status(&mut self) -> Result<Status, Failure> {
+        self.line()?.status()
+    }
+    fn reading(&mut self) -> Result<Reading, Failure> {
+        self.line()?.reading()
+    }
+    fn arm(&mut self, order: capture::Order) -> Result<(), Failure> {
+        self.line()?.arm(order)
+    }
+    fn captured(&mut self) -> Result<Option<Capture>, Failure> {
+        self.line()?.captured()
+    }
+    fn wait(&mut self, seconds: f64) -> Result<(), Failure> {
+        self.line()?.wait(seconds)
+    }
+    fn align(&mut self, stop: &AtomicBool) -> Result<Settings, Failure> {
+        self.line()?.align(stop)
+    }
+    fn save(&mut self) -> Result<(), Failure> {
+        self.line()?.save()
+    }
+}
+
+/// With loops closed, on a slow move: nobody can know what the drive does then, and nobody says so.
+#[test]
+fn a_drive_that_is_lost_is_not_said_to_have_its_bridge_off() {
+    let pulled = AtomicBool::new(false);
+    let drive = Simulated::new(&steady(), 1).unwrap();
+    let plan = Plan::new(*drive.settings());
+    let mut link = Pulled { drive, pulled: &pulled };
+    let (mut found, mut at) = (Found::default(), Step::Offsets);
+    let ended = run(&mut link, &plan, &mut found, &NEVER, &mut |event| match event {
+        Event::Begins(step) => at = step,
+        Event::Done(1.., _) if at == Step::Plant => pulled.store(true, Ordering::Relaxed),
+        _ => (),
+    });
+    let (step, failure) = ended.unwrap_err();
+    assert!(link.drive.bridge_is_on() && step == Step::Plant && !failure.bridge_is_off(), "{step:?}: {failure}");
+    let words = failure.to_string();
+    assert_eq!(words, "the line is cut; whether the bridge is off is NOT known: the line is cut");
+    assert_eq!(found.ended, Some((Step::Plant, words.clone())));
+    let report = page::render(&found, "a drive that is lost", Some((step, &failure)));
+    assert!(report.contains(&words) && !report.contains("The bridge is off"));
+}
+
 /// In every step with motion: in the middle of it.
 #[test]
 fn a_stop_in_mid_step_leaves_the_stage_at_rest_and_the_bridge_off() {
@@ -118,10 +194,13 @@ fn a_step_without_what_it_needs_refuses_by_name() {
         (Step::LengthScale, "the loop transmission"),
         (Step::Friction, "the mass"),
         (Step::Niasa, "sigma"),
+        (Step::Verification, "what NIASA is to have"),
+        (Step::Save, "a verification that was passed"),
     ] {
         let mut link = Simulated::new(&Stage::default(), 1).unwrap();
         let ended = commission(&mut link, from, STANDARD, &mut Found::default());
         assert_eq!(ended, Err((from, Failure::Missing(missing))));
+        assert_eq!(link.saved, None, "{from:?}");
     }
 }
 
@@ -136,6 +215,43 @@ fn it_goes_on_from_what_was_written_down() {
     commission(&mut link, Step::LengthScale, STANDARD, &mut again).unwrap();
     assert!(again.done.iter().map(|(step, _)| *step).eq(Step::ALL));
     assert!(link.saved.is_some_and(|saved| saved.compensator == 1.0));
+}
+
+/// Parameters of one machine are not put on another one; neither is told what was found there.
+#[test]
+fn what_was_found_on_another_drive_is_refused_with_both_serial_numbers() {
+    let mut found = Found { drive: Some("0028003a".to_owned()), ..Found::default() };
+    found.parameters.insert("current_limit_a".to_owned(), 0.1);
+    let mut link = Simulated::new(&Stage::default(), 1).unwrap();
+    let before = *link.settings();
+    let (step, failure) = commission(&mut link, Step::Tuning, STANDARD, &mut found).unwrap_err();
+    assert_eq!(failure, Failure::OtherDrive { found: "0028003a".to_owned(), this: "simulated".to_owned() });
+    let words = failure.to_string();
+    assert!(step == Step::Tuning && words.contains("0028003a") && words.contains("simulated"), "{words}");
+    assert_eq!(*link.settings(), before);
+}
+
+/// A report shows no evidence from before.
+#[test]
+fn what_is_to_be_found_again_is_forgotten_and_nothing_else() {
+    let (all, ended) = up_to(Step::Save, &mut Simulated::new(&steady(), 1).unwrap(), STANDARD);
+    assert_eq!(ended, Ok(()));
+    let after = |from| {
+        let mut found = all.clone();
+        found.forget(from);
+        found
+    };
+    assert_eq!(after(Step::Save), Found { done: all.done[..9].to_vec(), ..all.clone() });
+    let verification = Found { done: all.done[..8].to_vec(), settled: None, ..all.clone() };
+    assert_eq!(after(Step::Verification), verification);
+    let friction = after(Step::Friction);
+    assert!(friction.profiles.is_empty() && friction.sigma_n_per_m.or(friction.coulomb_n).is_none());
+    assert!(friction.niasa.is_none() && friction.closed_loop == all.closed_loop && friction.loops == all.loops);
+    let plant = after(Step::Plant);
+    assert!(plant.plant.is_empty() && plant.mass_kg.is_none() && plant.loops.is_empty() && plant.extremes.is_empty());
+    assert_eq!((plant.noise_m, plant.current_offset_a), (all.noise_m, all.current_offset_a));
+    let nothing = Found { drive: all.drive.clone(), parameters: all.parameters.clone(), ..Found::default() };
+    assert_eq!(after(Step::Offsets), nothing);
 }
 
 /// On a drive that has just been switched on, with NIASA in its parameters.
@@ -216,6 +332,8 @@ fn a_run_that_is_refused_keeps_what_it_found_and_goes_on_from_there() {
     assert!(std::fs::read_to_string(&report).unwrap().contains("Ended at safety"));
     let found: Found = serde_json::from_str(&std::fs::read_to_string(report.with_extension("json")).unwrap()).unwrap();
     assert_eq!(found.done.last().map(|(step, _)| *step), Some(Step::Alignment));
+    let (step, why) = found.ended.expect("the JSON says that it was refused");
+    assert!(step == Step::Safety && why.starts_with("noise / m rms"), "{step:?}: {why}");
 
     let output = servoctl(&["--simulated", "--from", "safety", "--output", &report_name]);
     let said = String::from_utf8_lossy(&output.stderr);

@@ -120,6 +120,11 @@ impl Simulated {
 }
 
 impl Link for Simulated {
+    /// There is no chip.
+    fn serial(&self) -> String {
+        "simulated".to_owned()
+    }
+
     fn configure(&mut self, settings: &Settings) -> Result<(), Failure> {
         let config = Config::new(settings)?;
         let differs = |row: &&servo_core::parameters::Parameter| row.get(settings) != row.get(&self.settings);
