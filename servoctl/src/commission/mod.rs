@@ -210,7 +210,7 @@ impl Step {
             Step::Verification => {
                 "a move does not settle with NIASA, the axis is not at rest, or NIASA saves less than 60 % of the settling time"
             }
-            Step::Save => "the flash fails",
+            Step::Save => "the verification was not passed, or the flash fails",
         }
     }
 
