@@ -10,7 +10,7 @@ use servo_core::parameters::Settings;
 use servo_ident::tuning::{HIGH_PERFORMANCE, STANDARD, Wish};
 use servo_sim::Stage;
 use servoctl::commission::{
-    Event, Failure, Found, Link, Many, Order, Plan, Simulated, Status, Step, Summary, page, run, stages,
+    Event, Failure, Found, Link, Many, Order, Plan, Simulated, Status, Step, Summary, data_sheet, page, run, stages,
 };
 use servoctl::link::Capture;
 
@@ -225,6 +225,53 @@ fn a_step_without_what_it_needs_refuses_by_name() {
         assert_eq!(ended, Err((from, Failure::Missing(missing))));
         assert_eq!(link.saved, None, "{from:?}");
     }
+}
+
+#[test]
+fn sine_and_cosine_that_nobody_has_calibrated_are_refused_by_name() {
+    let stage = Stage::from_toml(include_str!("../../sim/stages/sin-cos.toml")).unwrap();
+    let mut link = Simulated::new(&stage, 1).unwrap();
+    let (step, failure) = commission(&mut link, Step::Offsets, STANDARD, &mut Found::default()).unwrap_err();
+    assert_eq!((step, &failure), (Step::Offsets, &Failure::Uncalibrated));
+    assert_eq!(failure.to_string(), "sine and cosine: `servoctl calibrate-encoder` first");
+    let plan = Plan::new(servo_host_tests::tuning::calibrated(&stage, link.settings()).unwrap());
+    let (mut found, stop) = (Found::default(), AtomicBool::new(false));
+    let ended = run(&mut link, &plan, &mut found, &stop, &mut |event| {
+        if event == Event::Begins(Step::Alignment) {
+            stop.store(true, Ordering::Relaxed);
+        }
+    });
+    assert_eq!(ended, Err((Step::Alignment, Failure::Stopped)));
+}
+
+/// Two stages that differ in what commissioning finds have the same data sheet.
+#[test]
+fn a_data_sheet_says_nothing_of_what_is_to_be_found() {
+    let sheet = data_sheet(&Stage::default()).unwrap();
+    let mut stage = steady();
+    stage.mechanics.mass_kg *= 1.5;
+    stage.motor.commutation_offset_m = 0.37 * stage.motor.magnet_pitch_m;
+    (stage.friction.stiffness_n_per_m, stage.friction.coulomb_n) = (4e6, 1.1);
+    assert_eq!(data_sheet(&stage).unwrap(), sheet);
+    assert_eq!((sheet.commutation_identity, sheet.commutation_offset_m), (-1.0, 0.0));
+}
+
+/// F̂_C at most a quarter above the smallest F_C along the travel (docs/control.md): less than it, not than the median.
+#[test]
+fn niasa_is_given_less_than_the_smallest_friction_of_the_places() {
+    let (mut found, _) = up_to(Step::Friction, &mut Simulated::new(&steady(), 1).unwrap(), STANDARD);
+    found.profiles[1].coulomb_n *= 0.5;
+    let smallest_n = found.profiles[1].coulomb_n;
+    let mut link = Simulated::new(&steady(), 1).unwrap();
+    let stop = AtomicBool::new(false);
+    let plan = Plan { from: Step::Niasa, ..Plan::new(*link.settings()) };
+    let _ = run(&mut link, &plan, &mut found, &stop, &mut |event| {
+        if matches!(event, Event::Ended(Step::Niasa, _)) {
+            stop.store(true, Ordering::Relaxed);
+        }
+    });
+    let given_n = found.niasa.unwrap().coulomb_n;
+    assert!(given_n > 0.9 * smallest_n && given_n < smallest_n, "{given_n} N");
 }
 
 /// What a run has found is enough to go on with, on a drive that knows nothing.

@@ -78,6 +78,9 @@ pub enum Failure {
         /// What it means.
         why: &'static str,
     },
+    /// Sine and cosine are those of a new drive.
+    #[error("sine and cosine: `servoctl calibrate-encoder` first")]
+    Uncalibrated,
     /// An earlier step's finding is missing.
     #[error("{0} is not known: begin with the step that finds it")]
     Missing(&'static str),
@@ -195,7 +198,9 @@ impl Step {
     /// Why it may refuse, for a person.
     pub fn refuses_if(self) -> &'static str {
         match self {
-            Step::Offsets => "the offset is more than 1 % of the converter's range",
+            Step::Offsets => {
+                "sine and cosine are not calibrated, or the offset is more than 1 % of the converter's range"
+            }
             Step::Alignment => "phases, encoder or stage are not as they have to be: the drive says which",
             Step::Safety => "the noise is above 100 nm, or the stage does not move the way of the force",
             Step::Plant => "travel, speed or current leave their bounds, or what moves is no mass",
