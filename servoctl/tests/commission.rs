@@ -230,17 +230,11 @@ fn a_step_without_what_it_needs_refuses_by_name() {
 #[test]
 fn sine_and_cosine_that_nobody_has_calibrated_are_refused_by_name() {
     let stage = Stage::from_toml(include_str!("../../sim/stages/sin-cos.toml")).unwrap();
-    let mut link = Simulated::new(&stage, 1).unwrap();
+    let mut link = Simulated::with_parameters(&stage, &data_sheet(&stage).unwrap(), 1).unwrap();
     let (step, failure) = commission(&mut link, Step::Offsets, STANDARD, &mut Found::default()).unwrap_err();
     assert_eq!((step, &failure), (Step::Offsets, &Failure::Uncalibrated));
     assert_eq!(failure.to_string(), "sine and cosine: `servoctl calibrate-encoder` first");
-    let plan = Plan::new(servo_host_tests::tuning::calibrated(&stage, link.settings()).unwrap());
-    let (mut found, stop) = (Found::default(), AtomicBool::new(false));
-    let ended = run(&mut link, &plan, &mut found, &stop, &mut |event| {
-        if event == Event::Begins(Step::Alignment) {
-            stop.store(true, Ordering::Relaxed);
-        }
-    });
+    let (_, ended) = up_to(Step::Offsets, &mut Simulated::new(&stage, 1).unwrap(), STANDARD);
     assert_eq!(ended, Err((Step::Alignment, Failure::Stopped)));
 }
 

@@ -199,9 +199,8 @@ fn run_random(options: &Options, wish: Wish, count: u64) -> Result<ExitCode> {
         .map_err(|why| anyhow::anyhow!("{why}"))?;
     let many = Many::new(options.seed, all);
     options.json.write(&many, || many.to_text())?;
-    Ok(match many.summary.is_good() {
-        _ if stop.load(Ordering::Relaxed) => ExitCode::from(interrupt::INTERRUPTED),
-        true => ExitCode::SUCCESS,
-        false => ExitCode::FAILURE,
-    })
+    if stop.load(Ordering::Relaxed) {
+        return Ok(ExitCode::from(interrupt::INTERRUPTED));
+    }
+    Ok(if many.summary.is_good() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }

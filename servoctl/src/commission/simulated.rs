@@ -63,13 +63,18 @@ pub fn data_sheet(stage: &Stage) -> Result<Settings, Refusal> {
 }
 
 impl Simulated {
-    /// A drive that knows the stage's data sheets, at rest with the bridge off. There is no motor that could be aligned.
+    /// A drive that knows the stage's data sheets, at rest with the bridge off. There is no motor that could be aligned; sine and cosine are
+    /// calibrated.
     ///
     /// # Errors
     /// A stage that the drive's parameters cannot describe.
     pub fn new(stage: &Stage, seed: u64) -> Result<Simulated, Refusal> {
-        let known = data_sheet(stage)?;
-        Simulated::with_parameters(stage, &Settings { commutation_identity: known.encoder_identity, ..known }, seed)
+        let sheet = data_sheet(stage)?;
+        let mut settings = Settings { commutation_identity: sheet.encoder_identity, ..sheet };
+        if settings.encoder_kind != 0.0 {
+            settings = tuning::calibrated(stage, &settings)?;
+        }
+        Simulated::with_parameters(stage, &settings, seed)
     }
 
     /// A drive that starts with these parameters, at rest with the bridge off.
