@@ -37,7 +37,7 @@ pub struct Simulated {
 /// # Errors
 /// A stage that the drive's parameters cannot describe.
 pub fn data_sheet(stage: &Stage) -> Result<Settings, Refusal> {
-    let mut lightest = stage.clone();
+    let mut lightest = *stage;
     lightest.mechanics.mass_kg = LIGHTEST_KG;
     let (known, new) = (tuning::uncalibrated(&lightest, &tuning::STANDARD)?, Settings::default());
     Ok(Settings {
