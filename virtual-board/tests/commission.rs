@@ -97,8 +97,8 @@ fn a_motor_that_nobody_has_aligned_is_aligned_first_and_a_stop_turns_the_bridge_
     let mut stage = Stage::default();
     stage.friction.spread = None;
     stage.motor.commutation_offset_m = 0.37 * stage.motor.magnet_pitch_m;
-    let known = data_sheet(&Stage::default()).unwrap();
-    let settings = Settings { commutation_identity: -1.0, ..known };
+    let settings = data_sheet(&stage).unwrap();
+    assert_eq!((settings.commutation_identity, settings.commutation_offset_m), (-1.0, 0.0));
     let (board, mut link) = new_drive(&stage, &settings);
     let (mut found, stop, mut at) = (Found::default(), AtomicBool::new(false), Step::Offsets);
     let ended = run(&mut link, &Plan::new(settings), &mut found, &stop, &mut |event| match event {

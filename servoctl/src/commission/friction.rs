@@ -208,10 +208,12 @@ fn fit_profile(
     })
 }
 
-/// NIASA's parameters, in use but not switched on.
+/// NIASA's parameters, for the smallest F_C of the places; in use but not switched on.
 pub fn niasa(session: &mut Session, found: &mut Found) -> Result<String, Failure> {
     let sigma_n_per_m = found.sigma_n_per_m.ok_or(Failure::Missing("sigma"))?;
-    let coulomb_n = found.coulomb_n.ok_or(Failure::Missing("F_C"))?;
+    // The smallest along the travel: with more than a quarter above it the axis may cycle there.
+    let places = found.profiles.iter().map(|profile| profile.coulomb_n);
+    let coulomb_n = places.reduce(f64::min).ok_or(Failure::Missing("F_C"))?;
     let noise_m = found.noise_m.ok_or(Failure::Missing("the noise"))?;
     let niasa = tuning::niasa(sigma_n_per_m, coulomb_n, noise_m, SAMPLE_S);
     let settings = Settings {

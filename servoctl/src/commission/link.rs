@@ -63,6 +63,8 @@ pub struct Sample {
 
 /// A drive on a line.
 pub trait Link {
+    /// Which drive it is: its chip's serial number.
+    fn serial(&self) -> String;
     /// Puts parameters into use.
     ///
     /// # Errors
@@ -242,7 +244,9 @@ impl Session<'_> {
     /// That of the line; [`Failure::Late`].
     pub fn bridge_off(&mut self) -> Result<(), Failure> {
         for _ in 0..(BRAKE_S / LOOK_S) as u32 {
-            if !self.link.status()?.state.has_torque() {
+            // A fault may brake, with torque.
+            let state = self.link.status()?.state;
+            if !state.has_torque() && state != State::FaultReactionActive {
                 return Ok(());
             }
             self.link.wait(LOOK_S)?;

@@ -28,6 +28,8 @@ const NOISE_MAX_M: f64 = 100e-9;
 /// Force of the push, N, and its length, s.
 const PUSH_N: f32 = 3.0;
 const PUSH_S: f32 = 0.02;
+/// Travel that ends every excitation, m: a tone on the slow move takes 2.6 mm at most.
+const TRAVEL_M: f32 = 5e-3;
 /// Frequencies of the stepped sine, Hz, and their number.
 const SWEEP_HZ: [f64; 2] = [20.0, 2_000.0];
 const SWEEP_POINTS: usize = 28;
@@ -35,7 +37,7 @@ const SWEEP_POINTS: usize = 28;
 const CARRIER_M_PER_S: f64 = 10e-3;
 /// Speed of the sweep against that of the carrier, for a stage of [`LIGHTEST_KG`]: friction keeps its direction.
 const SWEEP_SHARE: f64 = 0.3;
-const LIGHTEST_KG: f64 = 0.8;
+pub const LIGHTEST_KG: f64 = 0.8;
 /// Largest force of the sweep, N.
 const SWEEP_MAX_N: f64 = 4.0;
 /// Where a free mass is expected to show, Hz.
@@ -52,11 +54,19 @@ pub const SAMPLE_S: f64 = 1.0 / SERVO_HZ as f64;
 
 /// Limits of every excitation.
 pub fn bounds(settings: &Settings) -> Bounds {
-    Bounds { node: Node::Force, travel_m: 0.1, speed_m_per_s: 0.1, current_a: (0.9 * settings.current_limit_a) as f32 }
+    Bounds {
+        node: Node::Force,
+        travel_m: TRAVEL_M,
+        speed_m_per_s: 0.1,
+        current_a: (0.9 * settings.current_limit_a) as f32,
+    }
 }
 
-/// Bridge off: what the current reads without one.
+/// Bridge off: what the current reads without one. Sine and cosine have to be calibrated.
 pub fn offsets(session: &mut Session, found: &mut Found) -> Result<String, Failure> {
+    if !signals_are_calibrated(&session.settings) {
+        return Err(Failure::Uncalibrated);
+    }
     session.link.order(&Order::Disable)?;
     session.wait(OFFSET_S)?;
     let current_a = session.signal("iq_a", OFFSET_S)?;
@@ -65,6 +75,12 @@ pub fn offsets(session: &mut Session, found: &mut Found) -> Result<String, Failu
     fit("offset of the current / A", offset_a, -most_a, most_a, "the converters are not calibrated")?;
     found.current_offset_a = Some(offset_a);
     Ok(format!("offset of the current {:.2} mA", offset_a * 1e3))
+}
+
+/// Whether anything but the values of a new drive says how sine and cosine are; an encoder without them needs nothing.
+fn signals_are_calibrated(settings: &Settings) -> bool {
+    let of = |s: &Settings| [s.sincos_cos_offset, s.sincos_sin_offset, s.sincos_gain, s.sincos_phase_rad];
+    settings.encoder_kind == 0.0 || of(settings) != of(&Settings::default())
 }
 
 /// Asks the drive whether it can commutate; if not, the motor is aligned. Cautious gains: the loops are closed for an instant.

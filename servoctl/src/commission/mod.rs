@@ -1,7 +1,7 @@
 //! From an unknown stage to a tuned axis that settles with NIASA, in steps that each say what they found or why they refuse.
 //!
 //! A step is a function over a [`Session`]; what it finds goes into [`Found`], plain data that can be written down and gone on with.
-//! However the steps end, the bridge is off afterwards.
+//! However the steps end, the bridge is turned off; [`Failure::StillOn`] if the drive did not say that it is.
 //!
 //! | step | from | to |
 //! |---|---|---|
@@ -78,6 +78,9 @@ pub enum Failure {
         /// What it means.
         why: &'static str,
     },
+    /// Sine and cosine are those of a new drive.
+    #[error("sine and cosine: `servoctl calibrate-encoder` first")]
+    Uncalibrated,
     /// An earlier step's finding is missing.
     #[error("{0} is not known: begin with the step that finds it")]
     Missing(&'static str),
@@ -87,9 +90,34 @@ pub enum Failure {
     /// The user wished it to end.
     #[error("ended by the user")]
     Stopped,
+    /// What was found belongs to another drive.
+    #[error(
+        "what was found is of the drive with serial number {found}, this one has {this}: begin anew, without --from"
+    )]
+    OtherDrive {
+        /// The drive that it was found on.
+        found: String,
+        /// The one that is connected.
+        this: String,
+    },
     /// The line failed.
     #[error("{0}")]
     Line(String),
+    /// Commissioning ended, and the drive did not say that its bridge is off.
+    #[error("{why}; whether the bridge is off is NOT known: {off}")]
+    StillOn {
+        /// What ended it.
+        why: Box<Failure>,
+        /// Why nobody knows.
+        off: Box<Failure>,
+    },
+}
+
+impl Failure {
+    /// Whether the bridge is known to be off after it has ended [`run`].
+    pub fn bridge_is_off(&self) -> bool {
+        !matches!(self, Failure::StillOn { .. })
+    }
 }
 
 fn limit_name(limit: Exceeded) -> &'static str {
@@ -170,7 +198,9 @@ impl Step {
     /// Why it may refuse, for a person.
     pub fn refuses_if(self) -> &'static str {
         match self {
-            Step::Offsets => "the offset is more than 1 % of the converter's range",
+            Step::Offsets => {
+                "sine and cosine are not calibrated, or the offset is more than 1 % of the converter's range"
+            }
             Step::Alignment => "phases, encoder or stage are not as they have to be: the drive says which",
             Step::Safety => "the noise is above 100 nm, or the stage does not move the way of the force",
             Step::Plant => "travel, speed or current leave their bounds, or what moves is no mass",
@@ -185,7 +215,7 @@ impl Step {
             Step::Verification => {
                 "a move does not settle with NIASA, the axis is not at rest, or NIASA saves less than 60 % of the settling time"
             }
-            Step::Save => "the flash fails",
+            Step::Save => "the verification was not passed, or the flash fails",
         }
     }
 
@@ -200,7 +230,7 @@ impl Step {
             Step::Friction => friction::friction(session, found),
             Step::Niasa => friction::niasa(session, found),
             Step::Verification => verification::verification(session, found),
-            Step::Save => save(session),
+            Step::Save => save(session, found),
         }
     }
 }
@@ -209,8 +239,12 @@ impl Step {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Found {
+    /// The drive that it was found on: its chip's serial number.
+    pub drive: Option<String>,
     /// Steps done, with what each says.
     pub done: Vec<(Step, String)>,
+    /// The step that ended the last run, and why; nothing if all were done.
+    pub ended: Option<(Step, String)>,
     /// Offset of the current (A).
     pub current_offset_a: Option<f64>,
     /// The electrical zero that was looked for (m); nothing if the drive knew it.
@@ -259,6 +293,44 @@ impl Found {
         self.settled.as_ref().map(|[without, with]| 1.0 - with.mean_ms / without.mean_ms)
     }
 
+    /// Forgets what `from` and the steps after it find; the parameters stay, to begin with.
+    pub fn forget(&mut self, from: Step) {
+        self.done.retain(|(step, _)| *step < from);
+        let known = std::mem::take(self);
+        let before = |step: Step| step < from;
+        *self = Found { drive: known.drive, done: known.done, parameters: known.parameters, ..Found::default() };
+        if before(Step::Offsets) {
+            self.current_offset_a = known.current_offset_a;
+        }
+        if before(Step::Alignment) {
+            self.electrical_zero_m = known.electrical_zero_m;
+        }
+        if before(Step::Safety) {
+            self.noise_m = known.noise_m;
+        }
+        if before(Step::Plant) {
+            (self.plant, self.mass_kg, self.resonances) = (known.plant, known.mass_kg, known.resonances);
+        }
+        if before(Step::Tuning) {
+            (self.wish, self.gains) = (known.wish, known.gains);
+            (self.loops, self.family) = (known.loops, known.family);
+        }
+        if before(Step::LengthScale) {
+            (self.closed_loop, self.extremes) = (known.closed_loop, known.extremes);
+            self.length_scale_m = known.length_scale_m;
+        }
+        if before(Step::Friction) {
+            (self.profiles, self.needs_maxwell) = (known.profiles, known.needs_maxwell);
+            (self.sigma_n_per_m, self.coulomb_n) = (known.sigma_n_per_m, known.coulomb_n);
+        }
+        if before(Step::Niasa) {
+            self.niasa = known.niasa;
+        }
+        if before(Step::Verification) {
+            self.settled = known.settled;
+        }
+    }
+
     /// `base` with the parameters written down.
     ///
     /// # Errors
@@ -303,10 +375,10 @@ pub enum Event<'a> {
     Ended(Step, &'a Result<String, Failure>),
 }
 
-/// Does the steps of `plan`; `said` is told of each. However it ends, the bridge is off.
+/// Does the steps of `plan`; `said` is told of each. However it ends, the bridge is turned off.
 ///
 /// # Errors
-/// Which step ended it, and why.
+/// Which step ended it, and why; [`Failure::StillOn`] if the drive did not say that the bridge is off.
 pub fn run(
     link: &mut dyn Link,
     plan: &Plan,
@@ -315,7 +387,7 @@ pub fn run(
     said: &mut dyn FnMut(Event),
 ) -> Result<(), (Step, Failure)> {
     let mut session = Session { link, stop, settings: plan.settings, said };
-    found.done.retain(|(step, _)| *step < plan.from);
+    found.ended = None;
     let result = begin(&mut session, found, plan.from).map_err(|failure| (plan.from, failure)).and_then(|()| {
         for step in Step::ALL.into_iter().filter(|step| *step >= plan.from) {
             (session.said)(Event::Begins(step));
@@ -327,22 +399,29 @@ pub fn run(
         }
         Ok(())
     });
-    match (result, end(&mut session)) {
-        (Ok(()), Err(failure)) => Err((Step::Save, failure)),
-        (result, _) => result,
+    let result = end(&mut session, result);
+    found.ended = result.as_ref().err().map(|(step, failure)| (*step, failure.to_string()));
+    result
+}
+
+/// Brakes what moves, then turns the bridge off and looks whether it is, even if the drive took neither order; `result` with what came of it.
+fn end(session: &mut Session, result: Result<(), (Step, Failure)>) -> Result<(), (Step, Failure)> {
+    let ordered = [session.brake(), session.link.order(&Order::Disable)];
+    let off = session.bridge_off();
+    let result = result.and(ordered.into_iter().collect::<Result<(), _>>().map_err(|failure| (Step::Save, failure)));
+    let Err(off) = off else { return result };
+    let (step, why) = result.err().unwrap_or_else(|| (Step::Save, off.clone()));
+    Err((step, Failure::StillOn { why: Box::new(why), off: Box::new(off) }))
+}
+
+/// Takes up what is written down of this drive, without what is to be found again; what is measured is measured without a compensator.
+fn begin(session: &mut Session, found: &mut Found, from: Step) -> Result<(), Failure> {
+    let this = session.link.serial();
+    if let Some(other) = found.drive.as_ref().filter(|other| **other != this) {
+        return Err(Failure::OtherDrive { found: other.clone(), this });
     }
-}
-
-/// Brakes what moves, then turns the bridge off and looks whether it is; the bridge goes off even if braking fails.
-fn end(session: &mut Session) -> Result<(), Failure> {
-    let braked = session.brake();
-    session.link.order(&Order::Disable)?;
-    session.bridge_off()?;
-    braked
-}
-
-/// Takes up what is written down; what is measured is measured without a compensator.
-fn begin(session: &mut Session, found: &Found, from: Step) -> Result<(), Failure> {
+    found.drive = Some(this);
+    found.forget(from);
     let mut settings = found.settings(&session.settings)?;
     if from <= Step::Verification {
         settings.compensator = f64::from(Compensator::None as u8);
@@ -350,8 +429,11 @@ fn begin(session: &mut Session, found: &Found, from: Step) -> Result<(), Failure
     session.configure(settings)
 }
 
-/// Stores the parameters: bridge off first.
-fn save(session: &mut Session) -> Result<String, Failure> {
+/// Stores the parameters, if they have passed the verification: bridge off first.
+fn save(session: &mut Session, found: &Found) -> Result<String, Failure> {
+    if found.settled.is_none() || found.done.iter().all(|(step, _)| *step != Step::Verification) {
+        return Err(Failure::Missing("a verification that was passed"));
+    }
     session.link.order(&Order::Disable)?;
     session.wait(0.1)?;
     session.link.save()?;

@@ -60,6 +60,10 @@ impl OnLine {
 }
 
 impl Link for OnLine {
+    fn serial(&self) -> String {
+        self.drive.identity().serial.map(|word| format!("{word:08x}")).concat()
+    }
+
     fn configure(&mut self, settings: &Settings) -> Result<(), Failure> {
         self.drive.make_parameters(settings)?;
         self.count_m = settings.encoder_count_m;

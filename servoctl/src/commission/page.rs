@@ -29,7 +29,9 @@ const SET: [&str; 11] = [
 /// The page as HTML; `caption` says what was commissioned, `ended` which step ended it, and why.
 pub fn render(found: &Found, caption: &str, ended: Option<(Step, &Failure)>) -> String {
     let summary = match (ended, found.gain()) {
-        (Some((step, why)), _) => format!("Ended at {}: {why}. The bridge is off.", step.name()),
+        (Some((step, why)), _) => {
+            format!("Ended at {}: {why}.{}", step.name(), if why.bridge_is_off() { " The bridge is off." } else { "" })
+        }
         (None, Some(gain)) => format!(
             "Settling to ±{TOLERANCE_NM} nm takes {:.0} % less time with NIASA than with the tuned PID, in ten moves of 5 mm at 1 m/s² each; \
              parameters are stored.",

@@ -16,6 +16,7 @@ use servo_sim::Stage;
 
 use super::Failure;
 use super::link::{Link, Order, Status};
+use super::loops::LIGHTEST_KG;
 use crate::link::Capture as Captured;
 
 /// The drive of `servo-core` on the carriage of `servo-sim`, and what is captured.
@@ -30,13 +31,18 @@ pub struct Simulated {
     pub saved: Option<Settings>,
 }
 
-/// What data sheets say of a stage: motor, encoder, amplifier and travel. Everything else is that of a new drive.
+/// What data sheets say of a stage: motor, encoder, amplifier and travel. Everything else is that of a new drive: nobody has aligned the motor
+/// or calibrated sine and cosine, and the encoder's largest jump is that of the lightest mass that is commissioned.
 ///
 /// # Errors
 /// A stage that the drive's parameters cannot describe.
 pub fn data_sheet(stage: &Stage) -> Result<Settings, Refusal> {
-    let (known, new) = (tuning::settings(stage, &tuning::STANDARD)?, Settings::default());
+    let mut lightest = *stage;
+    lightest.mechanics.mass_kg = LIGHTEST_KG;
+    let (known, new) = (tuning::uncalibrated(&lightest, &tuning::STANDARD)?, Settings::default());
     Ok(Settings {
+        commutation_offset_m: new.commutation_offset_m,
+        commutation_identity: new.commutation_identity,
         position_gain_per_s: new.position_gain_per_s,
         velocity_gain_n_s_per_m: new.velocity_gain_n_s_per_m,
         velocity_integral_per_s: new.velocity_integral_per_s,
@@ -57,13 +63,18 @@ pub fn data_sheet(stage: &Stage) -> Result<Settings, Refusal> {
 }
 
 impl Simulated {
-    /// A drive that knows the stage's data sheets, at rest with the bridge off.
+    /// A drive that knows the stage's data sheets, at rest with the bridge off. There is no motor that could be aligned; sine and cosine are
+    /// calibrated.
     ///
     /// # Errors
     /// A stage that the drive's parameters cannot describe.
     pub fn new(stage: &Stage, seed: u64) -> Result<Simulated, Refusal> {
-        let known = data_sheet(stage)?;
-        Simulated::with_parameters(stage, &Settings { commutation_identity: known.encoder_identity, ..known }, seed)
+        let sheet = data_sheet(stage)?;
+        let mut settings = Settings { commutation_identity: sheet.encoder_identity, ..sheet };
+        if settings.encoder_kind != 0.0 {
+            settings = tuning::calibrated(stage, &settings)?;
+        }
+        Simulated::with_parameters(stage, &settings, seed)
     }
 
     /// A drive that starts with these parameters, at rest with the bridge off.
@@ -120,6 +131,11 @@ impl Simulated {
 }
 
 impl Link for Simulated {
+    /// There is no chip.
+    fn serial(&self) -> String {
+        "simulated".to_owned()
+    }
+
     fn configure(&mut self, settings: &Settings) -> Result<(), Failure> {
         let config = Config::new(settings)?;
         let differs = |row: &&servo_core::parameters::Parameter| row.get(settings) != row.get(&self.settings);

@@ -1,7 +1,7 @@
 //! Stages to commission: named ones and any number drawn at random.
 
 use std::f64::consts::FRAC_1_SQRT_2;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use rayon::prelude::*;
 use serde::Serialize;
@@ -151,7 +151,7 @@ fn elements(stage: &Stage) -> Vec<Element> {
     }
 }
 
-/// Commissions stages drawn at random, several at a time; `finished` is called after each.
+/// Commissions stages drawn at random, several at a time; `finished` is called after each. Those that were finished before `stop`.
 ///
 /// # Errors
 /// As for [`commission`], in words.
@@ -164,11 +164,19 @@ pub fn commission_all(
 ) -> Result<Vec<Commissioned>, String> {
     stages
         .into_par_iter()
-        .map(|index| {
-            let stage = stage(seed, index).map_err(|error| error.to_string())?;
-            let done = commission(index.to_string(), &stage, wish, seed.wrapping_add(index), stop);
+        .filter_map(|index| {
+            let one = || {
+                let stage = stage(seed, index).map_err(|error| error.to_string())?;
+                commission(index.to_string(), &stage, wish, seed.wrapping_add(index), stop)
+                    .map_err(|refusal| refusal.to_string())
+            };
+            let done = if stop.load(Ordering::Relaxed) { return None } else { one() };
+            // Of one that was under way nothing can be said.
+            if stop.load(Ordering::Relaxed) {
+                return None;
+            }
             finished();
-            done.map_err(|refusal| refusal.to_string())
+            Some(done)
         })
         .collect()
 }

@@ -7,6 +7,8 @@ use super::LEAST_GAIN;
 use super::stages::Commissioned;
 use crate::table::{MISSING, Table, number};
 
+/// Share of stages that have to succeed, of 1: 48 of 50.
+const SUCCEED: f64 = 0.96;
 /// Points of a steady loop in each direction, where two are compared.
 const LOOP_POINTS: usize = 400;
 
@@ -152,6 +154,11 @@ fn ended(c: &Commissioned) -> String {
 }
 
 impl Summary {
+    /// Whether none ended unsafely and at least 96 % succeeded.
+    pub fn is_good(&self) -> bool {
+        self.unsafe_ends == 0 && self.succeeded as f64 >= SUCCEED * self.tried as f64
+    }
+
     /// In words.
     pub fn to_text(&self) -> String {
         let pair = |name: &str, values: Option<[f64; 2]>| {

@@ -43,6 +43,9 @@ pub struct Settled {
 
 /// Makes the moves without and with NIASA; NIASA stays on if it is good enough.
 pub fn verification(session: &mut Session, found: &mut Found) -> Result<String, Failure> {
+    if found.niasa.is_none() {
+        return Err(Failure::Missing("what NIASA is to have"));
+    }
     let without = moves(session, Compensator::None, DWELL_S[0], 0)?;
     let with = moves(session, Compensator::Niasa, DWELL_S[1], MOVES)?;
     found.settled = Some([without.clone(), with.clone()]);
