@@ -260,6 +260,7 @@ impl Drive {
 
     /// Health of sine and cosine: estimated sub-divisional error, peak, m; see [`sincos::Interpolator::error_periods`].
     pub fn subdivisional_error_m(&self) -> Option<f64> {
+        self.config.sin_cos.as_ref()?;
         let period_m = f64::from(sincos::PERIOD_CT) * self.config.count_m;
         self.interpolator.error_periods().map(|periods| f64::from(periods) * period_m)
     }

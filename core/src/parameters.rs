@@ -153,7 +153,7 @@ parameters! {
     0x0406 quick_stop_m_per_s2 "m/s²" [1e-6, 500.0] 30.0, Always, "Deceleration of the quick-stop ramp.";
     0x0407 quick_stop_option "" [0.0, 6.0] 2.0, Always, "0: bridge off at once. 1: slow-down ramp (acceleration_max), then off. 2: quick-stop ramp, then off. 5, 6: as 1, 2 and held at rest in Quick stop active.";
     0x0408 halt_option "" [1.0, 2.0] 1.0, Always, "1: slow-down ramp. 2: quick-stop ramp. Then held at rest in Operation enabled.";
-    0x0409 disable_option "" [0.0, 1.0] 0.0, Always, "Disable operation and shutdown. 0: bridge off at once. 1: slow-down ramp first.";
+    0x0409 disable_option "" [0.0, 1.0] 0.0, Always, "Disable operation and shutdown, controlwords 0x07 and 0x06 (`servoctl disable` is disable voltage, at once). 0: bridge off at once. 1: slow-down ramp first.";
     0x040a fault_reaction_option "" [0.0, 2.0] 0.0, Always, "Faults that may brake first. 0: bridge off at once. 1: slow-down ramp first. 2: quick-stop ramp first.";
     0x0501 compensator "" [0.0, 7.0] 0.0, Always, "0: none. 1: NIASA. 2: NIASA on Maxwell slip. 3: friction feedforward. 4: LuGre observer. 5: Dahl observer. 6: scheduled PD. 7: disturbance observer.";
     0x0502 niasa_stiffness_n_per_m "N/m" [1e3, 1e9] 4e6, Always, "σ̂ of the friction model; better too low than too high (8.1.1).";
@@ -220,7 +220,9 @@ impl Settings {
             Refusal::check(Field::Parameter(parameter.id), parameter.get(self), parameter.min, parameter.max)?;
         }
         Refusal::check(Field::Parameter(0x020e), self.bus_max_v, self.bus_min_v, self.bus_full_scale_v)?;
-        Refusal::check(Field::Parameter(0x0209), self.over_current_a, self.current_limit_a, self.current_full_scale_a)?;
+        // A reading stuck at an end of its range is to be above it.
+        let readable_a = 0.995 * self.current_full_scale_a;
+        Refusal::check(Field::Parameter(0x0209), self.over_current_a, self.current_limit_a, readable_a)?;
         Refusal::check(
             Field::Parameter(0x0211),
             self.temperature_max_c,

@@ -168,6 +168,7 @@ impl Commands {
             Request::Align => self.commander.execute(Command::Align).await,
             Request::CollectSignals => self.commander.execute(Command::CollectSignals).await,
             Request::CorrectSignals => self.correct_signals().await,
+            Request::Control(word) => self.commander.execute(Command::Control(word)).await,
             Request::Capture(order) => self.commander.capture(order).await,
             Request::Restart => self.keep_torque_off().await,
             Request::Stream(order) => self.stream(id, order),
@@ -188,7 +189,7 @@ impl Commands {
             lost_records: snapshot.records_dropped,
             lost_blocks: self.latest.lost_blocks.get(),
             subdivisional_error_m: snapshot.subdivisional_error_m,
-            ..Status::of(&snapshot.record, snapshot.counters, snapshot.capture)
+            ..Status::of(&snapshot.record, snapshot.status_word, snapshot.counters, snapshot.capture)
         }
     }
 

@@ -92,6 +92,8 @@ pub struct Snapshot {
     pub commutation: Commutation,
     /// See [`Drive::subdivisional_error_m`].
     pub subdivisional_error_m: Option<f32>,
+    /// See [`Drive::status_word`].
+    pub status_word: u16,
 }
 
 /// The interrupts' side: the axis and its ends of the queues.
@@ -167,6 +169,7 @@ impl Control for InInterrupts {
                 records_dropped: self.records_dropped,
                 commutation: drive.commutation(),
                 subdivisional_error_m: drive.subdivisional_error_m().map(|error_m| error_m as f32),
+                status_word: drive.status_word(&output.record),
             });
         }
         output.bridge

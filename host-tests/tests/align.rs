@@ -220,6 +220,28 @@ fn an_offset_holds_for_the_encoder_that_it_was_found_with_and_no_other() {
 }
 
 #[test]
+fn an_alignment_that_failed_is_undone_by_another_zero_only() {
+    let known = tuning::settings(&Stage::default(), &tuning::STANDARD).unwrap();
+    let mut bench = Bench::new(&Stage::default(), &known, 1).unwrap();
+    bench.plant.exchange_phases();
+    bench.run(5, |_| ());
+    bench.command(Command::Align).unwrap();
+    bench.run(10 * SERVO_HZ, |_| ());
+    assert_eq!(bench.axis.drive().fault(), Some(Fault::Alignment));
+    bench.command(Command::ResetFault).unwrap();
+    let failed = Err(Refusal::NotAligned(Some(Reason::Reversed)));
+    for (settings, expected) in
+        [(Settings { travel_max_m: 0.04, ..known }, failed), (Settings { commutation_offset_m: 1e-3, ..known }, Ok(()))]
+    {
+        let config = Config::new(&settings).unwrap();
+        bench.command(Command::Configure { config, needs_bridge_off: true }).unwrap();
+        bench.run(5, |_| ());
+        assert_eq!(bench.command(Command::Enable), expected);
+        bench.command(Command::Disable).unwrap();
+    }
+}
+
+#[test]
 fn an_incremental_encoder_is_aligned_after_every_start_and_loses_it_with_its_position() {
     let mut stage = Stage::from_toml(include_str!("../../sim/stages/sin-cos.toml")).unwrap();
     stage.motor.commutation_offset_m = 0.4 * PITCH_M;

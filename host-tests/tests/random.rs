@@ -7,7 +7,7 @@ use servo_core::compensator::Compensator;
 use servo_core::config::Config;
 use servo_core::current::{Bridge, DUTY_MAX, DUTY_MIN, PhaseCodes};
 use servo_core::drive::Command;
-use servo_core::encoder::sincos;
+use servo_core::encoder::sincos::{self, Correction, Signals};
 use servo_core::fault::Reaction;
 use servo_core::measure::{self, Node, Shape};
 use servo_core::parameters::{Access, Settings, TABLE};
@@ -113,7 +113,7 @@ fn limits(random: &mut Random) -> Limits {
 /// A command, and the settings it brings if it does.
 fn command(random: &mut Random, now: &Settings) -> (Command, Option<Settings>) {
     let words = [0x00, 0x02, 0x06, 0x07, 0x0f, 0x0f, 0x8f, 0x80, 0x10f, random.next() as u16];
-    let command = match random.below(20) {
+    let command = match random.below(25) {
         0..=4 => Command::Enable,
         5 => Command::Disable,
         6 | 7 => Command::ResetFault,
@@ -132,6 +132,14 @@ fn command(random: &mut Random, now: &Settings) -> (Command, Option<Settings>) {
             Ok(order) => Command::Excite(order),
             Err(_) => Command::KeepAlive,
         },
+        19 => {
+            let mut near = |centre: f64| centre + 0.2 * (random.unit() - 0.5);
+            let (amplitude, gain) = (near(0.6), near(1.0));
+            let [cos_offset, sin_offset, phase_rad] = [near(0.0), near(0.0), near(0.0)];
+            Command::CorrectSignals(Correction::new(&Signals { amplitude, cos_offset, sin_offset, gain, phase_rad }))
+        }
+        20 => Command::BeginSave,
+        21..=23 => Command::EndSave,
         _ => {
             let mut settings = settings(random, now.encoder_kind);
             let needs_bridge_off = random.chance(0.5);
@@ -249,6 +257,8 @@ struct Seen {
     excited: u64,
     /// The motor was being aligned.
     aligning: u64,
+    /// The flash was being written, with the bridge off.
+    saving: u64,
 }
 
 impl std::ops::AddAssign for Seen {
@@ -257,6 +267,7 @@ impl std::ops::AddAssign for Seen {
         self.sin_cos += other.sin_cos;
         self.excited += other.excited;
         self.aligning += other.aligning;
+        self.saving += other.saving;
     }
 }
 
@@ -273,6 +284,7 @@ fn sequence(seed: u64) -> Seen {
         trouble: [0.0, 1e-5, 1e-4, 1e-3, 1e-2][random.below(5) as usize],
     };
     let mut seen = Seen::default();
+    let mut saving = false;
     for tick in 0..TICKS_PER_SEQUENCE {
         let often = if tick < 100 { 0.2 } else { 0.02 };
         let (command, brings) = if random.chance(often) {
@@ -286,6 +298,13 @@ fn sequence(seed: u64) -> Seen {
         if let (Some(settings), Some(Ok(()))) = (brings, output.outcome) {
             now = settings;
         }
+        match (command, output.outcome) {
+            (Some(Command::BeginSave), Some(Ok(()))) => saving = true,
+            (Some(Command::EndSave), Some(Ok(()))) => saving = false,
+            _ => {}
+        }
+        assert!(!(saving && output.bridge.enabled), "tick {tick}: the flash is written with torque on");
+        seen.saving += u64::from(saving);
         let config = axis.drive().config();
         let record = output.record;
         let on = may_be_on(&record, config);
@@ -333,11 +352,13 @@ fn nothing_ever_gives_torque_where_there_may_be_none_or_a_number_that_is_none() 
             Err(_) => panic!("sequence with seed {seed}"),
         }
     }
-    let Seen { on, sin_cos, excited, aligning } = seen;
+    let Seen { on, sin_cos, excited, aligning, saving } = seen;
     eprintln!(
-        "of {ticks} ticks {on} with the bridge on: {sin_cos} with sine and cosine, {excited} excited, {aligning} aligning"
+        "of {ticks} ticks {on} with the bridge on: {sin_cos} with sine and cosine, {excited} excited, {aligning} aligning; \
+         {saving} while saving"
     );
     assert!(on > ticks / 20, "the bridge was on in only {on} ticks of {ticks}");
+    assert!(saving > ticks / 100, "the flash was written in only {saving} ticks of {ticks}");
     for (what, ticks) in [("sine and cosine", sin_cos), ("an excitation", excited), ("an alignment", aligning)] {
         assert!(ticks > on / 100, "{what} in only {ticks} ticks of {on} with the bridge on");
     }

@@ -80,7 +80,7 @@ fn settings_are_refused_by_name_before_they_reach_the_drive() {
             |s| s.velocity_gain_n_s_per_m = f64::NAN,
             "velocity_gain_n_s_per_m = NaN N s/m is outside 0.001 … 1000000 N s/m",
         ),
-        (|s| s.over_current_a = 12.0, "over_current_a = 12 A is outside 8 … 10 A"),
+        (|s| s.over_current_a = 12.0, "over_current_a = 12 A is outside 8 … 9.95 A"),
         (|s| s.travel_max_m = -0.06, "travel_max_m = -0.06 m is outside -0.05 … 0.20634765625 m"),
         (|s| s.magnet_pitch_m = 0.5, "magnet_pitch_m = 0.5 m is outside 0.00000006103515625 … 0.06103515625 m"),
     ] {

@@ -70,6 +70,7 @@ endpoints! {
     24 Command Align -> Done, "Look for the motor's electrical zero; the bridge is off when it has ended.";
     25 Command CollectSignals -> Done, "Collect sine and cosine from now on, while the stage moves.";
     26 Command CorrectSignals -> Done, "Correct sine and cosine by what fits those collected.";
+    27 Command Control -> Done, "A controlword of CiA 402: states, quick stop, halt, fault reset.";
 }
 
 /// The name of a reply, as the table has it.

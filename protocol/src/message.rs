@@ -16,7 +16,7 @@ use servo_core::profile::Limits;
 use servo_core::record::{TickRecord, flags};
 use servo_core::refusal::Refusal;
 use servo_core::settling::Settling;
-use servo_core::state::State;
+use servo_core::state::{ControlWord, State};
 use servo_core::store::Current;
 
 use crate::stream::{self, Block};
@@ -107,6 +107,8 @@ pub enum Request {
     /// Correct sine and cosine by the ellipse that fits what has been collected. What is found becomes a parameter; the position changes
     /// by what the error was.
     CorrectSignals,
+    /// The controlword of CiA 402 (object 6040), for masters that walk through the states themselves.
+    Control(ControlWord),
 }
 
 /// What the drive answers.
@@ -249,12 +251,16 @@ pub struct Status {
     /// Health of an encoder with sine and cosine: estimated sub-divisional error, peak, m, over the last motion; `None` before enough of
     /// it, and with another encoder. See [`servo_core::encoder::sincos::Interpolator::error_periods`].
     pub subdivisional_error_m: Option<f32>,
+    /// The statusword of CiA 402 (object 6041), bits as in [`servo_core::state::status`].
+    pub status_word: u16,
+    /// What else is true of the tick, the limits that act among it: bits of [`flags`].
+    pub flags: u16,
 }
 
 impl Status {
-    /// Of the tick of `record`, with what the drive counts besides; nothing lost on the way and no health of the encoder, which are the
+    /// Of the tick of `record`, with what the drive tells besides; nothing lost on the way and no health of the encoder, which are the
     /// caller's to add.
-    pub fn of(record: &TickRecord, counters: Counters, capture: Progress) -> Self {
+    pub fn of(record: &TickRecord, status_word: u16, counters: Counters, capture: Progress) -> Self {
         Status {
             tick: record.sequence,
             state: record.state,
@@ -270,6 +276,8 @@ impl Status {
             lost_records: 0,
             lost_blocks: 0,
             subdivisional_error_m: None,
+            status_word,
+            flags: record.flags,
         }
     }
 }

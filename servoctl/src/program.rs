@@ -33,7 +33,7 @@ fn of_elf(elf: &[u8]) -> Result<Fingerprint> {
         Ok::<u64, anyhow::Error>(symbol.address())
     };
     let bytes = |begin: &str, end: &str| Ok::<u64, anyhow::Error>(address(end)?.wrapping_sub(address(begin)?));
-    let program_bytes = (address("__sidata")? + bytes("__sdata", "__edata")?).wrapping_sub(FLASH);
+    let program_bytes = address("__sidata")?.wrapping_add(bytes("__sdata", "__edata")?).wrapping_sub(FLASH);
     let parts = [(FLASH, program_bytes), (address("__siitcm")?, bytes("__sitcm", "__eitcm")?)];
     parts.into_iter().try_fold(Fingerprint::default(), |so_far, (from, bytes)| {
         ensure!(bytes <= FLASH_BYTES, "its program of {bytes} bytes does not fit the flash");

@@ -16,6 +16,7 @@ use servo_core::measure::{self, Node, Shape};
 use servo_core::profile::Limits;
 use servo_core::record::Selection;
 use servo_core::refusal::Refusal;
+use servo_core::state::ControlWord;
 use servo_protocol::endpoint::{self, ENDPOINTS, Kind};
 use servo_protocol::frame::{MAX_FRAME, encode};
 use servo_protocol::message::{Identity, PROTOCOL, Reply, Request};
@@ -154,7 +155,7 @@ const FIRST_ID: u32 = 0xffff_fff0;
 fn any_command(random: &mut Pcg64) -> Request {
     let mut number = |below: u64| random.next_u64() % below;
     let limits = Limits { velocity_m_per_s: 0.1, acceleration_m_per_s2: 1.0, jerk_m_per_s3: None };
-    match number(19) {
+    match number(20) {
         0 => Request::Enable,
         1 => Request::Disable,
         2 => Request::ResetFault,
@@ -189,6 +190,7 @@ fn any_command(random: &mut Pcg64) -> Request {
         15 => Request::Align,
         16 => Request::CollectSignals,
         17 => Request::CorrectSignals,
+        18 => Request::Control(ControlWord(number(0x200) as u16)),
         _ => Request::GetParameter(number(1000) as u16),
     }
 }
@@ -266,7 +268,7 @@ fn ten_thousand_commands_of_every_kind_over_a_bad_line_are_each_carried_out_once
             let (done, reported) = (done[row.request], reported[row.request]);
             assert!(reported > 400 && done >= reported && done < reported + 30, "{}: {reported} {done}", row.request);
         }
-        // The line is bad enough to test something, and good enough for six attempts.
+        // The line is bad enough to test something, and good enough for the attempts that there are.
         let unknown = outcome.unknown.len();
         println!("flipped {} ‰, dropped {} ‰: {unknown} unknown", damage.flipped, damage.dropped);
         assert!(unknown < 150, "{unknown} of 10,000 given up");

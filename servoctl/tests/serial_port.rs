@@ -100,7 +100,7 @@ fn a_cable_pulled_while_an_answer_is_waited_for_breaks_the_link_at_once() {
     let error = client.request(&Request::Status).unwrap_err();
     let reported = pulled.join().unwrap().elapsed();
     assert!(matches!(error, Error::Broken(_)), "{error}");
-    assert!(reported < Duration::from_millis(500), "{reported:?}");
+    assert!(reported < Duration::from_secs(5), "{reported:?}");
 }
 
 #[test]

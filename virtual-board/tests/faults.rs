@@ -167,7 +167,7 @@ fn a_bus_voltage_out_of_its_limits_turns_the_bridge_off() {
     for (what, break_it, fault) in breaks {
         let (mut board, mut link) = moving();
         break_it(&mut board);
-        // The conversion is read one servo period after its start, and every seventeenth is the temperature's.
+        // The conversion is read one servo period after its start, and every sixteenth is the temperature's.
         let off_ns = time_to_off_ns(&mut board, 5 * SERVO_PERIOD_NS);
         assert!(off_ns.is_some_and(|off_ns| off_ns <= 3 * SERVO_PERIOD_NS), "{what} {off_ns:?}");
         assert_latched(&mut board, &mut link, fault);
@@ -251,7 +251,7 @@ fn current_sensors_that_break_off_or_stop_turn_the_bridge_off_one_alone_as_well(
 #[test]
 fn a_hot_power_stage_turns_the_bridge_off() {
     let (mut board, mut link) = moving();
-    // 131 °C of -50 to 280 °C; one conversion in seventeen is the temperature's, and one tick in four looks at it.
+    // 131 °C of -50 to 280 °C; one conversion in sixteen is the temperature's, and one tick in four looks at it.
     board.set_adc_fault(Analog::Temperature, Some(AdcFault::Stuck { code: 35_945 })).unwrap();
     assert!(time_to_off_ns(&mut board, 25 * SERVO_PERIOD_NS).is_some());
     assert_latched(&mut board, &mut link, Fault::OverTemperature);

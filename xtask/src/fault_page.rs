@@ -42,7 +42,7 @@ pub fn faults() -> String {
         );
     }
     text += "\n## Limits\n\n\
-        A limit that acts is no fault: it is a bit in every tick record, and bit 11 of the statusword.\n\n\
+        A limit that acts is no fault: it is a bit in every tick record, and bit 11 of the statusword; `servoctl status` names it.\n\n\
         | bit | limit | meaning |\n|---|---|---|\n";
     for (bit, name, meaning) in flags::LIMITS {
         let _ = writeln!(text, "| {} | {name} | {meaning} |", bit.trailing_zeros());

@@ -22,8 +22,8 @@ use clap::{CommandFactory, Parser, Subcommand};
 use std::process::ExitCode;
 
 use drive::{
-    Link, align, calibrate_encoder, capture, faults, identity, log, measure, motion, params, scope, sequence, stream,
-    virtual_drive, watch,
+    Link, align, calibrate_encoder, capture, control, faults, identity, log, measure, motion, params, scope, sequence,
+    stream, virtual_drive, watch,
 };
 
 /// Talks to a servo drive, runs its experiments and reports them.
@@ -49,6 +49,8 @@ pub enum Command {
     Enable(identity::Options),
     /// Turn the bridge off
     Disable(identity::Options),
+    /// Send a controlword of CiA 402 and show the statusword
+    Control(control::Options),
     /// Look for the motor's electrical zero
     Align(identity::Options),
     /// Find offsets, gain and phase of an encoder with sine and cosine, on a move of 0.1 mm to and fro
@@ -132,6 +134,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         Command::Status(options) => identity::status(link, options),
         Command::Enable(options) => identity::enable(link, options),
         Command::Disable(options) => identity::disable(link, options),
+        Command::Control(options) => control::run(link, options),
         Command::Align(options) => return align::run(link, options),
         Command::CalibrateEncoder(options) => return calibrate_encoder::run(link, options),
         Command::Move(options) => return motion::run(link, options),

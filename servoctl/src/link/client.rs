@@ -25,8 +25,8 @@ pub struct Patience {
 const SILENCE: Duration = Duration::from_millis(750);
 
 impl Patience {
-    /// A drive at a serial port answers within milliseconds.
-    pub const SERIAL: Patience = Patience { reply: Duration::from_millis(125), attempts: 6, silence: SILENCE };
+    /// A drive at a serial port answers within milliseconds, and a dead line is silent: only where something comes is there more to wait for.
+    pub const SERIAL: Patience = Patience { reply: Duration::from_millis(125), attempts: 40, silence: SILENCE };
     /// A virtual drive is slower than the clock on the wall, and its computer may have other things to do; it sends an empty frame when it
     /// has had nothing to say for a tenth of a second.
     pub const TCP: Patience = Patience { reply: Duration::from_millis(250), attempts: 80, silence: SILENCE };

@@ -123,7 +123,7 @@ pub fn help(refusal: &Refusal) -> &'static str {
         Refusal::UnknownParameter(_) => "`servoctl params list` names them all",
         Refusal::OutOfRange { field, .. } => help_with(*field),
         Refusal::NoPosition => "`servoctl status` shows bad encoder frames: look at the encoder and its cable",
-        Refusal::Halted => "who set the controlword's halt bit must clear it; `servoctl status` shows the state",
+        Refusal::Halted => "`servoctl control 0x0f` clears the controlword's halt bit",
         Refusal::NotAligned(_) => "`servoctl align` looks for the electrical zero",
         Refusal::NoSignals => "`servoctl params get encoder_kind` says which encoder is set",
         Refusal::Signals(_) => "`servoctl calibrate-encoder` looks at the signals on a longer way",

@@ -151,6 +151,7 @@ fn from_the_first_move_to_a_pulled_cable() {
     typed::a_stream_is_written_without_a_loss(directory.path());
     typed::a_sequence_reports_what_it_has_done_however_it_ends(directory.path());
     typed::what_moves_is_stopped();
+    typed::a_master_walks_through_the_states_and_halts();
     the_loop_is_measured();
     a_profile_is_recorded_and_fitted(&directory.path().join("profile.csv"));
     ctrl_c_ends_a_commissioning_which_goes_on_from_any_step(&directory.path().join("commissioning.html"));

@@ -169,6 +169,35 @@ pub fn what_moves_is_stopped() {
     assert!(json("status")["position_m"].as_f64().unwrap() < 0.044);
 }
 
+/// As a master of CiA 402 does, and what the drive tells it.
+pub fn a_master_walks_through_the_states_and_halts() {
+    done("disable");
+    for (word, state) in [
+        ("0x06", "Ready to switch on"),
+        ("0x07", "Switched on"),
+        ("0x0f", "Operation enabled"),
+        ("0x07", "Switched on"),
+        ("0x0f", "Operation enabled"),
+    ] {
+        done(&format!("control {word}"));
+        status_once(|status| status["state"] == state);
+    }
+    let word = json("status")["status_word"].as_u64().unwrap();
+    assert_eq!(word & 0b0110_1111, 0b0010_0111, "{word:#06x}");
+    let (mut child, _said) = under_way(command("move 5mm --velocity 1mm/s"));
+    json("control 0x10f");
+    child.kill().unwrap();
+    child.wait().unwrap();
+    status_once(|status| status["moving"] == false);
+    refused("move 1mm", &["refused Move", "halt bit", "Operation enabled", "`servoctl control 0x0f`"]);
+    assert!(done("control 0x0f").contains("statusword  0x"));
+    done("move 1mm");
+    // Quick stop brakes and ends with the bridge off.
+    done("control 0x02");
+    status_once(|status| status["state"] == "Switch on disabled");
+    done("enable");
+}
+
 /// A drive that was killed cannot take its state file away: the next program does.
 pub fn a_killed_drive_is_not_in_the_way(directory: &Path) {
     let state = directory.join("state");

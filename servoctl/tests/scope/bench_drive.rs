@@ -174,8 +174,12 @@ impl BenchDrive {
     }
 
     fn status(&self) -> Status {
-        let (counters, capture) = (self.bench.axis.drive().counters(), self.bench.axis.capture().progress());
-        Status { bad_requests: self.server.unreadable(), ..Status::of(&self.record, counters, capture) }
+        let (drive, capture) = (self.bench.axis.drive(), self.bench.axis.capture().progress());
+        let status_word = drive.status_word(&self.record);
+        Status {
+            bad_requests: self.server.unreadable(),
+            ..Status::of(&self.record, status_word, drive.counters(), capture)
+        }
     }
 }
 

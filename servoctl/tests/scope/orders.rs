@@ -100,7 +100,7 @@ fn stop_forgets_the_moves_to_come_whoever_presses_it() {
     enabled(&mut first);
     assert!(second.order(by(1e-3, 1)).unwrap().contains("page 1 commands, this is page 2"));
     assert_eq!(first.order(by(5e-3, 100)), None);
-    second.until_status(|status| status["moves_left"] == 100 && status["moving"] == true);
+    second.until_status(|status| status["moves_left"].as_u64() >= Some(50) && status["moving"] == true);
     assert_eq!(second.order(json!({"do": "stop"})), None);
     let status = second.until_status(|status| status["moving"] == false);
     assert_eq!((&status["moves_left"], &status["torque"]), (&json!(0), &json!(true)), "braked, and held there");

@@ -7,7 +7,7 @@ use servo_core::capture::Progress;
 use servo_protocol::message::{Request, Status};
 
 use super::super::output::Json;
-use super::{Connected, Link, serial_ports};
+use super::{Connected, Link, control, serial_ports};
 use crate::link::units::{show_error, show_length};
 
 /// Options of commands that take none of their own.
@@ -75,6 +75,8 @@ pub fn status(link: &Link, options: &Options) -> Result<()> {
         "tick": status.tick,
         "state": status.state.to_string(),
         "fault": status.fault.map(|fault| fault.number()),
+        "status_word": status.status_word,
+        "limits": control::limits(&status),
         "moving": status.moving,
         "position_m": status.position_ct as f64 * count_m,
         "error_m": f64::from(status.error_ct) * count_m,
@@ -109,10 +111,11 @@ pub fn describe(status: &Status, count_m: f64) -> String {
         format!("encoder     sub-divisional error {} (estimated, peak)\n", show_error(error_m))
     });
     format!(
-        "state       {}, {motion}\nfault       {fault}\nposition    {}\nerror       {}\nforce       {:.3} N\nbus         {:.1} V\n\
+        "state       {}, {motion}\nfault       {fault}\n{}position    {}\nerror       {}\nforce       {:.3} N\nbus         {:.1} V\n\
          tick        {}; {} overruns, longest {} cycles\nlosses      {} bad encoder frames, {} unreadable requests, {} records\n\
          {encoder}capture     {capture}\n",
         status.state,
+        control::status_word(status),
         show_length(status.position_ct as f64 * count_m),
         show_length(f64::from(status.error_ct) * count_m),
         status.force_n,

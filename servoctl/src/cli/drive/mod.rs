@@ -4,6 +4,7 @@ pub mod align;
 pub mod black_box;
 pub mod calibrate_encoder;
 pub mod capture;
+pub mod control;
 pub mod faults;
 pub mod identity;
 pub mod log;
