@@ -58,7 +58,7 @@ fn loop_transmission(reading: &Reading) -> Complex64 {
     -complex(reading.before) / complex(reading.after)
 }
 
-/// A stage without friction and noise, as far as a stage file goes.
+/// A stage without noise and with next to no friction: the drive that is tuned for it takes an F̂_C of 1 mN or more.
 fn frictionless() -> Stage {
     let mut stage = Stage::default();
     (stage.friction.coulomb_n, stage.encoder.noise_m_rms, stage.friction.spread) = (2e-3, 0.0, None);

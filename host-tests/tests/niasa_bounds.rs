@@ -61,6 +61,33 @@ fn with_a_modelled_friction_of_up_to_a_quarter_more_than_the_stages_every_move_s
     }
 }
 
+/// Where the bound of (7.55) lies on a stage twice as stiff, and that Appendix E's form has none up to a model of four times the friction.
+#[test]
+fn on_a_stage_twice_as_stiff_every_move_settles_up_to_1_4_and_none_from_1_5_on() {
+    for seed in 0..4 {
+        let settled_m = end_error_m(2.0, 1.4, |s| s, seed);
+        assert!(settled_m < AT_REST_M, "1.4, {seed}: {settled_m:e} m");
+        for ratio in [1.5, 3.0, 4.0] {
+            let cycle_m = end_error_m(2.0, ratio, |s| s, seed);
+            assert!(cycle_m > 20.0 * AT_REST_M, "{ratio}, {seed}: {cycle_m:e} m");
+        }
+    }
+    for stiffness in [0.5, 1.0, 2.0] {
+        for ratio in [3.0, 4.0] {
+            for seed in 0..4 {
+                let error_m = end_error_m(stiffness, ratio, appendix_e, seed);
+                assert!(error_m < AT_REST_M, "App. E, σ × {stiffness}, {ratio}, {seed}: {error_m:e} m");
+            }
+        }
+    }
+    for stiffness in [0.5, 1.0] {
+        for seed in 0..4 {
+            let error_m = end_error_m(stiffness, 2.0, |s| s, seed);
+            assert!(error_m < AT_REST_M, "7.55, σ × {stiffness}, 2.0, {seed}: {error_m:e} m");
+        }
+    }
+}
+
 /// With twice the friction in the model and twice the stiffness in the stage, (7.55) ends in a limit cycle: what the rate limit
 /// 2·F̂_C·dt/τ_d lets the integrator gain in a quarter of its period is more than the friction there is. Appendix E's form, or half of
 /// the rate limit, still settles.

@@ -147,7 +147,9 @@ pub(crate) fn covariance_of_legs(columns: &[&[f64]], left: &[f64], record: &Reco
 pub(crate) fn student_quantile(freedom: f64) -> f64 {
     let z: f64 = 1.959_963_984_540_054;
     let v = freedom.max(4.0);
-    let (z3, z5, z7) = (z.powi(3), z.powi(5), z.powi(7));
+    let z3 = z * z * z;
+    let z5 = z3 * z * z;
+    let z7 = z5 * z * z;
     z + (z3 + z) / (4.0 * v)
         + (5.0 * z5 + 16.0 * z3 + 3.0 * z) / (96.0 * v * v)
         + (3.0 * z7 + 19.0 * z5 + 17.0 * z3 - 15.0 * z) / (384.0 * v * v * v)

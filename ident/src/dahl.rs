@@ -125,7 +125,7 @@ pub fn fit_any_memory(record: &Record, no_offset: bool) -> Result<DahlFit, DataE
 fn search(record: &Record, no_offset: bool) -> Result<DahlFit, DataError> {
     let ones = vec![1.0; if no_offset { 0 } else { record.samples() }];
     let linear = |log_m: f64| {
-        let [coulomb, initial] = seen_responses(record, log_m.exp());
+        let [coulomb, initial] = seen_responses(record, libm::exp(log_m));
         let mut columns: Vec<&[f64]> = vec![&coulomb, &initial];
         columns.extend((!no_offset).then_some(&ones[..]));
         let normal = Normal::new(&columns, &record.force_n);
@@ -135,7 +135,7 @@ fn search(record: &Record, no_offset: bool) -> Result<DahlFit, DataError> {
     let left = |log_m: f64| linear(log_m).map_or(f64::INFINITY, |(left, _)| left);
 
     let span_m = record.span_m();
-    let (low, high) = ((SHORTEST_SHARE * span_m).ln(), (LONGEST_SHARE * span_m).ln());
+    let (low, high) = (libm::log(SHORTEST_SHARE * span_m), libm::log(LONGEST_SHARE * span_m));
     let at = |i: usize| low + (high - low) * i as f64 / COARSE as f64;
     let coarse: Vec<f64> = (0..=COARSE).map(|i| left(at(i))).collect();
     let best = (0..=COARSE).min_by(|i, j| coarse[*i].total_cmp(&coarse[*j])).unwrap_or(0);
@@ -144,7 +144,7 @@ fn search(record: &Record, no_offset: bool) -> Result<DahlFit, DataError> {
         let why = format!(
             "x_c = F_C/sigma is too {side} at {:e} m, with a motion of {span_m:e} m; {SHORTEST_SHARE:e} to {LONGEST_SHARE} of \
              the motion can be fitted",
-            at(best).exp()
+            libm::exp(at(best))
         );
         return Err(DataError::Undetermined { what: "sigma_n_per_m", why });
     }
@@ -155,7 +155,7 @@ fn search(record: &Record, no_offset: bool) -> Result<DahlFit, DataError> {
     };
     let (coulomb_n, initial_n) = (solution[0], solution[1]);
     let offset_n = solution.get(2).copied().unwrap_or(0.0);
-    let length_m = log_m.exp();
+    let length_m = libm::exp(log_m);
     let mut fit = DahlFit {
         sigma_n_per_m: coulomb_n / length_m,
         coulomb_n,
@@ -175,7 +175,7 @@ fn search(record: &Record, no_offset: bool) -> Result<DahlFit, DataError> {
     if coulomb_n < SIGNIFICANT * coulomb_se_n {
         return Err(undetermined(format!("{coulomb_n} N with a standard error of {coulomb_se_n} N is not above 0")));
     }
-    let reach = (errors.quantile * log_sigma_se).exp();
+    let reach = libm::exp(errors.quantile * log_sigma_se);
     fit.ci95.sigma_n_per_m = Interval([fit.sigma_n_per_m / reach, fit.sigma_n_per_m * reach]);
     fit.ci95.coulomb_n =
         Interval([coulomb_n - errors.quantile * coulomb_se_n, coulomb_n + errors.quantile * coulomb_se_n]);
@@ -207,7 +207,8 @@ fn standard_errors(record: &Record, fit: &DahlFit, ones: &[f64], left_n: &[f64])
         let change = Normal::new(&columns, &doubt_n).solve()?;
         // Bounds of a rectangular distribution: a third of their square is its variance.
         coulomb_n2 += change[0] * change[0] / 3.0;
-        log_sigma2 += (change[0] * per_n - change[1]).powi(2) / 3.0;
+        let log_change = change[0] * per_n - change[1];
+        log_sigma2 += log_change * log_change / 3.0;
     }
     Some(Errors { standard: [coulomb_n2.sqrt(), log_sigma2.sqrt()], quantile: covariance.quantile })
 }

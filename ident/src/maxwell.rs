@@ -102,7 +102,7 @@ pub fn fit(record: &Record, elements: usize) -> Result<MaxwellFit, DataError> {
     let longest_m = 0.5 * widest(&record.position_m[..=first_sample]);
     let problem = Problem { record, first_sample, longest_m };
     let grid: Vec<f64> =
-        (0..GRID).map(|i| longest_m * SHORTEST_SHARE.powf(1.0 - i as f64 / (GRID - 1) as f64)).collect();
+        (0..GRID).map(|i| longest_m * libm::pow(SHORTEST_SHARE, 1.0 - i as f64 / (GRID - 1) as f64)).collect();
     let mut chosen = merge_neighbours(&grid, &problem.stiffnesses(&grid).stiffness);
     while chosen.len() > elements {
         merge_closest(&mut chosen);
@@ -149,7 +149,7 @@ impl Problem<'_> {
 
     /// Tries every displacement a step longer and shorter, and keeps what is better.
     fn improve(&self, length_m: &mut [f64], share: f64) {
-        let step = 0.5 * SHORTEST_SHARE.powf(-share / (GRID - 1) as f64) + 0.5;
+        let step = 0.5 * libm::pow(SHORTEST_SHARE, -share / (GRID - 1) as f64) + 0.5;
         let mut best = self.stiffnesses(length_m).left_n2;
         for i in 0..length_m.len() {
             for factor in [step, 1.0 / step] {
@@ -266,7 +266,7 @@ fn merge_closest(elements: &mut Vec<Element>) {
         let [a, b] = [pair[0], pair[1]];
         let apart = (a.saturation_n / a.stiffness_n_per_m) / (b.saturation_n / b.stiffness_n_per_m);
         let (f, g) = (a.saturation_n, b.saturation_n);
-        f * g / (f + g) * apart.ln().abs()
+        f * g / (f + g) * libm::log(apart).abs()
     };
     let closest = (0..elements.len().saturating_sub(1))
         .min_by(|i, j| cost(&elements[*i..*i + 2]).total_cmp(&cost(&elements[*j..*j + 2])));

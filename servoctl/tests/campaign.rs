@@ -1,5 +1,7 @@
 //! Campaigns: the same numbers for any number of threads and parts; what is left of one that was ended.
 
+use std::io::{BufRead, BufReader};
+use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use servo_sim::Stage;
@@ -94,6 +96,28 @@ fn ended_early_it_keeps_the_passes_that_every_configuration_has_finished() {
     let outcome = Outcome::new(&plan, &passes);
     assert!(!outcome.complete && outcome.runs[0].settling.moves == 10);
     assert!(outcome.to_text().contains("Not complete: 10 of 23 moves"));
+}
+
+/// What is finished is written all the same.
+#[cfg(unix)]
+#[test]
+fn a_computation_that_ctrl_c_ended_is_no_success_for_a_batch_system() {
+    let directory = tempfile::tempdir().unwrap();
+    let (json, page) = (directory.path().join("found.json"), directory.path().join("thesis.html"));
+    for words in [&["reproduce", "all", "--moves", "1"][..], &["report", "--moves", "1", "--output"]] {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_servoctl"));
+        command.args(words).args((words[0] == "report").then_some(&page)).arg("--json").arg(&json);
+        let mut child = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+        let mut said = BufReader::new(child.stderr.take().unwrap());
+        // Whoever begins to say what it does listens for Ctrl-C.
+        assert!(said.read_line(&mut String::new()).unwrap() > 0);
+        assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
+        let rest = said.lines().map(Result::unwrap).collect::<Vec<_>>().join("\n");
+        assert_eq!(child.wait().unwrap().code(), Some(130), "{words:?}: {rest}");
+        let found: serde_json::Value = serde_json::from_slice(&std::fs::read(&json).unwrap()).unwrap();
+        assert_eq!(found["complete"], false, "{words:?}: {found}");
+    }
+    assert!(page.exists());
 }
 
 #[test]

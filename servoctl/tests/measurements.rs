@@ -26,13 +26,23 @@ fn the_first_experiment_settles_75_to_92_percent_faster_at_every_tolerance() {
     assert!(reduction.iter().all(|r| r.is_some_and(|r| (75.0..92.0).contains(&r))), "{reduction:?}");
 }
 
+/// 500 moves, as many as the thesis made, with a feedforward mass that is 2 % wrong; 40 small steps in both tunings.
 #[test]
 fn niasa_settles_faster_at_every_tolerance_where_the_thesis_says_so() {
-    for (experiment, mass_errors) in
-        [(Experiment::Exp2, &[-2.0, 2.0][..]), (Experiment::Step5Um, &[]), (Experiment::Step50Nm, &[])]
-    {
-        for run in &outcome(experiment, 40, mass_errors, Stage::default()).runs {
+    for (experiment, moves, mass_errors_percent) in [
+        (Experiment::Exp2, 500, vec![-2.0, 2.0]),
+        (Experiment::Step5Um, 40, vec![]),
+        (Experiment::Step50Nm, 40, vec![]),
+    ] {
+        let request = Request { experiment, moves, seed: 1, mass_errors_percent, stage: Stage::default() };
+        let plan = request.plan().unwrap().only(&["pid+niasa".into()]).unwrap();
+        let outcome = Outcome::new(&plan, &plan.campaign.run(Shard::ALL, Watch::NOBODY).unwrap());
+        assert_eq!(outcome.runs.len(), 2, "{experiment:?}");
+        for run in &outcome.runs {
             let reduction = &run.settling.reduction_percent;
+            // The smallest steps have no band as wide as themselves.
+            let all = run.settling.moves as u64 == moves && reduction.len() >= 4;
+            assert!(all, "{experiment:?} {}: {reduction:?}", run.name);
             assert!(reduction.iter().all(|r| r.is_some_and(|r| r > 0.0)), "{experiment:?} {}: {reduction:?}", run.name);
         }
     }
@@ -41,6 +51,8 @@ fn niasa_settles_faster_at_every_tolerance_where_the_thesis_says_so() {
 #[test]
 fn the_noise_in_position_is_that_of_table_3() {
     let outcome = outcome(Experiment::InPosition, 20, &[], Stage::default());
+    // Table 3 has PID and NIASA in the form of appendix E; the third is (7.55), which it does not have.
+    assert_eq!(outcome.runs.iter().map(|run| run.configs.len()).collect::<Vec<_>>(), [3, 3]);
     for (run, table_3) in outcome.runs.iter().zip([[0.48, 0.50], [0.49, 0.48]]) {
         for (config, expected_nm) in run.configs.iter().zip(table_3) {
             let nm = config.settling.in_position_rms_nm.unwrap();
@@ -73,15 +85,19 @@ fn every_compensator_does_what_chapter_4_says_of_it() {
 #[test]
 fn a_step_of_100_um_swings_linearly_until_friction_takes_over() {
     let found = step_100um::run(&Stage::default(), 4, 1, Watch::NOBODY).unwrap();
-    assert!(found.linear_leg_ms.is_some_and(|ms| (6.5..9.0).contains(&ms)), "{:?} ms", found.linear_leg_ms);
+    // 7.375 ms, which is 59 ticks: the thesis has 8 ms, and 8.0 to 8.6 are wanted. Found here once, and held to that.
+    assert!(found.linear_leg_ms.is_some_and(|ms| (7.25..=7.5).contains(&ms)), "{:?} ms", found.linear_leg_ms);
     let finding = found.finding.unwrap();
-    assert!(finding.slow_leg_ms > 20.0 && finding.linear_down_to_nm > Some(finding.length_scale_nm), "{finding:?}");
-    assert!(found.redrawn.iter().all(Option::is_some));
+    // 166.25 ms, where the thesis has 23 and 12 to 36 are wanted: not reproduced, the stage creeps to the target (the report says so).
+    assert!(finding.creeps && (150.0..=180.0).contains(&finding.slow_leg_ms), "{finding:?}");
+    assert!(finding.linear_down_to_nm > Some(finding.length_scale_nm), "{finding:?}");
+    assert!(found.redrawn.len() == 4 && found.redrawn.iter().all(Option::is_some));
 }
 
 #[test]
 fn the_models_come_nearer_in_the_order_of_their_figures() {
     let models = models::run(Watch::NOBODY);
+    assert_eq!(models.fits.len() as u64, models::FITS);
     assert!(models.fits.windows(2).all(|pair| pair[1].rms_n <= pair[0].rms_n), "{:?}", models.table());
     assert!(models.fits.iter().all(|fit| fit.force_n.len() == models.motion.position_m.len()));
 }
@@ -95,7 +111,8 @@ fn a_stage_of_ones_own_goes_through() {
     ] {
         let stage = Stage::from_toml(file).unwrap();
         let outcome = outcome(Experiment::Exp1, 2, &[], stage);
-        assert!(outcome.complete && outcome.only.unwrap().configs.iter().all(|config| config.faults == 0));
+        let configs = outcome.only.unwrap().configs;
+        assert!(outcome.complete && configs.len() >= 2 && configs.iter().all(|config| config.faults == 0));
     }
 }
 
@@ -137,12 +154,15 @@ fn measurements_that_are_ended_early_keep_what_is_finished() {
 fn the_loop_transmission_depends_on_the_amplitude_as_in_5_1_and_8_2() {
     let found = loop_transmission::run(&Stage::default(), 1, Watch::NOBODY).unwrap().unwrap();
 
-    // Figure 15: a mass above 1 % of full current, a spring with a resonance below.
+    // Figure 15: a mass above 1 % of full current, a spring with a resonance below: of 250 to 420 Hz, the thesis' range, at the
+    // two larger amplitudes; 424.74 and 442.83 Hz at the two smallest, which the report calls not reproduced.
+    assert_eq!(found.figure_15.len(), 8);
     for curve in &found.figure_15 {
         let expected = if curve.amplitude_percent > 1.0 { "mass" } else { "spring" };
         assert_eq!(curve.behaves_like, expected, "{} %", curve.amplitude_percent);
         if expected == "spring" {
-            assert!(curve.resonance_hz.is_some_and(|hz| (250.0..450.0).contains(&hz)), "{:?}", curve.resonance_hz);
+            let range = if curve.amplitude_percent > 0.2 { 250.0..=420.0 } else { 420.0..=445.0 };
+            assert!(curve.resonance_hz.is_some_and(|hz| range.contains(&hz)), "{:?}", curve.resonance_hz);
         }
     }
     // Section 8.2: NIASA leaves the large-amplitude loop alone and lifts the first crossover of the small-amplitude one.
@@ -158,6 +178,7 @@ fn the_loop_transmission_depends_on_the_amplitude_as_in_5_1_and_8_2() {
     let [by_4, by_8, by_4_fast, by_8_fast] = [1, 2, 3, 4].map(|i| first(small[i]));
     assert!(4.0 < by_4 && 1.4 * by_4 < by_8 && 1.4 * by_8 < by_4_fast && 1.4 * by_4_fast < by_8_fast);
     // And what the rate limit is for: only without it, with the fast schedule and more delay, does the loop not come to rest.
+    assert!(found.stability.iter().any(|case| !case.stable) && found.stability.iter().any(|case| case.stable));
     for case in &found.stability {
         let harsh = !case.rate_limited && case.a_tick_late && case.rate_per_s > 600.0 && case.stiffness_n_per_m > 6e6;
         assert_eq!(case.stable, !harsh, "{case:?}");

@@ -91,7 +91,7 @@ fn measurements_and_theory_do_so_to_the_last_digit_that_is_written() {
             "d59c81ba4f51ff2b",
             "b6439dcdd9f68911",
             "4500fca5497dd10b",
-            "92631949f3b6f30d",
+            "eae4a9100b3b85cf",
             "8a2a9dd447ec12b9",
             "e4c8e111a6d7f98c"
         ]

@@ -188,6 +188,16 @@ fn assert_agrees(case: &Case, response: &Response) {
     }
 }
 
+/// The other solution swings on as well, as far, to this share, at the end of ours.
+#[track_caller]
+fn assert_cycles(case: &Case, response: &Response, agreement: f64) {
+    let other = solve_otherwise(case, response.end_s());
+    let largest = |errors_m: Vec<f64>| errors_m.iter().rev().take(20).fold(0.0f64, |l, e| l.max(e.abs()));
+    let ours_m = largest(response.reversals.iter().map(|r| r.error_m).collect());
+    let others_m = largest(other.reversals.iter().map(|r| r.1).collect());
+    assert!((ours_m / others_m - 1.0).abs() < agreement, "cycle: {ours_m} {others_m} in {case:?}");
+}
+
 #[test]
 fn the_thesis_cases_that_settle_do_so_at_the_same_time_in_the_other_solution() {
     let mut compared = 0;
@@ -216,11 +226,7 @@ fn a_limit_cycle_has_the_same_amplitude_in_the_other_solution() {
         let case = Case { r_m, ..Case::thesis(method, delta) };
         let response = case.respond().unwrap();
         assert_eq!(response.verdict, Verdict::LimitCycle, "{method:?} {delta}");
-        let other = solve_otherwise(&case, response.end_s());
-        let largest = |errors_m: Vec<f64>| errors_m.iter().rev().take(20).fold(0.0f64, |l, e| l.max(e.abs()));
-        let ours_m = largest(response.reversals.iter().map(|r| r.error_m).collect());
-        let others_m = largest(other.reversals.iter().map(|r| r.1).collect());
-        assert!((ours_m / others_m - 1.0).abs() < AGREEMENT, "{method:?} {delta}: {ours_m} {others_m}");
+        assert_cycles(&case, &response, AGREEMENT);
     }
 }
 
@@ -228,7 +234,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(40))]
 
     #[test]
-    fn any_stage_settles_at_the_same_time_in_the_other_solution(
+    fn any_stage_settles_at_the_same_time_or_cycles_as_far_in_the_other_solution(
         method in methods(),
         (mass_kg, kp_n_per_m, kd_n_s_per_m) in (0.5..3.0f64, 3e5..2e6f64, 400.0..2000.0f64),
         (sigma_n_per_m, coulomb_n, delta) in (4e6..17e6f64, 0.3..1.1f64, -0.5..1.0f64),
@@ -242,9 +248,16 @@ proptest! {
         // A free mass must be stable under the gains alone, or a large enough motion grows for ever.
         prop_assume!(inv_tau_d_per_s < 0.9 * kd_n_s_per_m / mass_kg);
         let response = case.respond().unwrap();
-        prop_assume!(response.verdict == Verdict::Settles && !grazes(&case, &response));
-        prop_assume!(response.settling_time_s.unwrap() < 0.3);
-        assert_agrees(&case, &response);
+        // For time: the other solution takes steps of 2 µs.
+        prop_assume!(response.end_s() < 1.0);
+        match response.verdict {
+            // Whoever calls a motion that dies away a limit cycle differs by more than any accuracy.
+            Verdict::LimitCycle => assert_cycles(&case, &response, 0.01),
+            Verdict::Settles => {
+                prop_assume!(!grazes(&case, &response));
+                assert_agrees(&case, &response);
+            }
+        }
     }
 }
 

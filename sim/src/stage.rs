@@ -143,6 +143,11 @@ impl Stage {
         wrong.map_or(Ok(stage), |limit| Err(limit.error(text)))
     }
 
+    /// What to say of a value in a stage file that is out of a narrower range, which follows from what the stage is used for.
+    pub fn out_of_range(text: &str, key: &'static str, value: f64, from: f64, to: f64) -> StageError {
+        Limit { key, value, from, to }.error(text)
+    }
+
     /// Every value with its range; NaN is in none of them.
     fn limits(&self) -> Vec<Limit> {
         let Stage { mechanics, friction, motor, amplifier, adc, encoder } = self;

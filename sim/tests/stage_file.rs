@@ -1,4 +1,4 @@
-//! Stage files: the four that come with the crate, and every way to get one wrong.
+//! Stage files: those that come with the crate, and every way to get one wrong.
 
 use servo_sim::friction::{Element, Elements, Level};
 use servo_sim::stage::encoder::Kind;
@@ -40,6 +40,25 @@ fn the_fourth_stage_is_the_built_in_one_with_sine_and_cosine() {
     assert_eq!((signals.cos_offset, signals.sin_offset, signals.gain), (0.02, -0.02, 1.02));
     assert!((signals.phase_rad.to_degrees() - 2.0).abs() < 1e-3);
     assert_eq!(Stage { encoder: Stage::default().encoder, ..stage }, Stage::default());
+}
+
+/// Whatever lies there: a file that is added is read as well.
+#[test]
+fn every_stage_file_of_the_crate_is_valid_and_none_is_another() {
+    let directory = concat!(env!("CARGO_MANIFEST_DIR"), "/stages");
+    let files = std::fs::read_dir(directory).unwrap().map(|entry| entry.unwrap().path());
+    let stages: Vec<(String, Stage)> = files
+        .map(|path| {
+            let stage = Stage::from_toml(&std::fs::read_to_string(&path).unwrap());
+            let name = path.display().to_string();
+            (name.clone(), stage.unwrap_or_else(|error| panic!("{name}: {error}")))
+        })
+        .collect();
+    assert!(stages.len() >= 7, "{}", stages.len());
+    for (i, (name, stage)) in stages.iter().enumerate() {
+        let same = stages[..i].iter().find(|(_, other)| other == stage);
+        assert!(same.is_none(), "{name} and {:?}", same.map(|(other, _)| other));
+    }
 }
 
 #[test]

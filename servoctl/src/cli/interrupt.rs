@@ -1,10 +1,11 @@
 //! Ctrl-C: once, and the computation ends after what is under way; twice, and the process ends.
 
+use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::{Context, Result};
 
-/// Exit code of a process that the second Ctrl-C ended: 128 + SIGINT.
+/// Exit code of a process that Ctrl-C ended, at once or after what was under way: 128 + SIGINT.
 pub const INTERRUPTED: u8 = 130;
 
 static STOP: AtomicBool = AtomicBool::new(false);
@@ -33,4 +34,9 @@ pub fn flag_saying(words: &'static str) -> Result<&'static AtomicBool> {
         .context("cannot listen for Ctrl-C")?;
     }
     Ok(&STOP)
+}
+
+/// Exit code of a computation that gave what was finished: after Ctrl-C that is not all of it, and a batch system has to see that.
+pub fn exit_code() -> ExitCode {
+    if STOP.load(Ordering::Relaxed) { ExitCode::from(INTERRUPTED) } else { ExitCode::SUCCESS }
 }

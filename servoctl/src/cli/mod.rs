@@ -158,10 +158,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         }
         Command::Reference { page } => output::print(&page.text()),
         Command::Theory(options) => theory::run(options),
-        Command::Reproduce(options) => reproduce::run(options),
+        Command::Reproduce(options) => return reproduce::run(options).map(|()| interrupt::exit_code()),
         Command::Fit(options) => fit::run(options),
         Command::Commission(options) => return commission::run(link, options),
-        Command::Report(options) => report::run(options),
+        Command::Report(options) => return report::run(options).map(|()| interrupt::exit_code()),
         Command::Merge(options) => merge::run(options),
     }
     .map(|()| ExitCode::SUCCESS)

@@ -269,17 +269,16 @@ impl IdentificationStudy {
 mod tests {
     use super::*;
 
-    /// A tenth of the study; the biases that the whole one is held to are 2 %.
+    /// A seventeenth of the study's profiles and all of its settlings: one that misleads moves the mean of twenty by a few per cent.
     #[test]
     fn the_means_are_those_of_the_friction_that_was_drawn() {
-        let study = run(&Stage::default(), 3, 20, 1, Watch::NOBODY).unwrap().unwrap();
+        let study = run(&Stage::default(), 3, identification::STEPS, 1, Watch::NOBODY).unwrap().unwrap();
         assert_eq!(study.table_1.iter().map(|column| column.fits).sum::<usize>(), 3 * 6 * 3);
+        assert!(study.table_2.len() == 2 && study.table_2[1].fits > 150, "{:?}", study.table_2);
         for column in study.table_1.iter().chain(&study.table_2) {
             for parameter in [column.sigma_n_per_um, column.coulomb_n] {
                 assert!(parameter.median_error_percent.abs() < 2.0, "{}: {parameter:?}", column.name);
-                // A single settling that misleads moves the mean of twenty by a few per cent.
-                let settling = column.name == "step tests";
-                assert!(settling || parameter.bias_percent.abs() < 2.0, "{}: {parameter:?}", column.name);
+                assert!(parameter.bias_percent.abs() < 2.0, "{}: {parameter:?}", column.name);
             }
             assert!(column.worst_mse_n2 < 0.1067, "{}: {}", column.name, column.worst_mse_n2);
         }

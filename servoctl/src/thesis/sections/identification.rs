@@ -142,14 +142,22 @@ fn bias_checks(columns: &[Column], of: fn(&Column) -> Parameter) -> Vec<Check> {
 }
 
 fn methods_in_words(columns: &[Column]) -> String {
-    let both =
-        |of: fn(&Column) -> Parameter| columns.iter().map(|c| moments(of(c).found)).collect::<Vec<_>>().join(" and ");
-    format!("σ {} N/µm; F_C {} N", both(sigma), both(coulomb))
+    let both = |of: fn(&Column) -> Parameter, show: fn(Parameter) -> String| {
+        columns.iter().map(|c| show(of(c))).collect::<Vec<_>>().join(" and ")
+    };
+    let bias = |of| both(of, |p| number(p.bias_percent, 2));
+    let mean = |of| both(of, |p| moments(p.found));
+    format!("σ {} N/µm, bias {} %; F_C {} N, bias {} %", mean(sigma), bias(sigma), mean(coulomb), bias(coulomb))
 }
 
-/// The methods see different draws of friction: what they have to agree in is their error against what was drawn.
+/// The methods see different draws of friction: what they have to agree in is their error against what was drawn. Each mean must be
+/// that of the friction drawn besides.
 fn method_checks(columns: &[Column]) -> Vec<Check> {
     let [profile, steps] = columns else { return Vec::new() };
+    let own = |column: &Column, name: &str, of: fn(&Column) -> Parameter| {
+        let (what, limits) = (format!("{name} by {}: bias", column.name), (-BIAS_PERCENT, BIAS_PERCENT));
+        Check::within(&what, Some(of(column).bias_percent), limits, 2, "%")
+    };
     let apart = |name: &str, of: fn(&Column) -> Parameter| {
         let difference = of(steps).bias_percent - of(profile).bias_percent;
         Check::within(
@@ -160,7 +168,8 @@ fn method_checks(columns: &[Column]) -> Vec<Check> {
             "%",
         )
     };
-    vec![apart("σ", sigma), apart("F_C", coulomb)]
+    let own = columns.iter().flat_map(|column| [own(column, "σ", sigma), own(column, "F_C", coulomb)]);
+    [apart("σ", sigma), apart("F_C", coulomb)].into_iter().chain(own).collect()
 }
 
 /// Position over the course of a record, from its beginning (0 %) to its end.
