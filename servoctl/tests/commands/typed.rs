@@ -185,9 +185,10 @@ pub fn a_master_walks_through_the_states_and_halts() {
     let word = json("status")["status_word"].as_u64().unwrap();
     assert_eq!(word & 0b0110_1111, 0b0010_0111, "{word:#06x}");
     let (mut child, _said) = under_way(command("move 5mm --velocity 1mm/s"));
-    json("control 0x10f");
     child.kill().unwrap();
     child.wait().unwrap();
+    status_once(|status| status["moving"] == true);
+    json("control 0x10f");
     status_once(|status| status["moving"] == false);
     refused("move 1mm", &["refused Move", "halt bit", "Operation enabled", "`servoctl control 0x0f`"]);
     assert!(done("control 0x0f").contains("statusword  0x"));
