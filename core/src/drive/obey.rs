@@ -255,7 +255,9 @@ impl Drive {
             return Err(Refusal::WrongState(self.state));
         }
         if needs_bridge_off {
-            let is_the_old_zero = config.commutation_stored == self.config.commutation_stored
+            // An alignment that failed has found the old zero, or the wiring, wrong: other parameters do not mend that.
+            let stays_failed = matches!(self.commutation, Commutation::Failed(_))
+                && config.commutation_stored == self.config.commutation_stored
                 && config.commutation_zero == self.config.commutation_zero;
             self.config = *config;
             // Origin, count or commutation may differ: begin again from the next good frame.
@@ -264,12 +266,9 @@ impl Drive {
                 self.interpolator = Interpolator::default();
             }
             self.begin_angle();
-            self.commutation = match self.commutation {
-                // An alignment that failed has found the old zero, or the wiring, wrong: other parameters do not mend that.
-                failed @ Commutation::Failed(_) if is_the_old_zero => failed,
-                _ if config.commutation_stored => Commutation::Stored,
-                _ => Commutation::Unknown,
-            };
+            if !stays_failed {
+                self.commutation = if config.commutation_stored { Commutation::Stored } else { Commutation::Unknown };
+            }
             return Ok(());
         }
         let kind = config.compensator.kind;
