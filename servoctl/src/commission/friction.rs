@@ -227,7 +227,7 @@ pub fn niasa(session: &mut Session, found: &mut Found) -> Result<String, Failure
     session.configure(settings)?;
     found.niasa = Some(niasa);
     Ok(format!(
-        "sigma {:.2} N/µm, F_C {:.3} N, {:.0} ms, {:.1} mN a sample, {:.1} nm",
+        "σ̂ {:.2} N/µm, F̂_C {:.3} N, τ_d {:.0} ms, rate limit {:.1} mN a tick, hysteresis {:.1} nm",
         niasa.stiffness_n_per_m * 1e-6,
         niasa.coulomb_n,
         niasa.time_constant_s * 1e3,
