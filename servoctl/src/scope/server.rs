@@ -1,7 +1,7 @@
 //! HTTP and WebSocket: the page's files, and one conversation a page.
 
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use axum::Router;
 use axum::body::Body;
@@ -15,6 +15,7 @@ use servo_core::compensator::Compensator;
 use servo_core::settling::TOLERANCES_NM;
 use tokio::sync::broadcast::error::RecvError;
 use tokio::sync::mpsc;
+use tokio::time::MissedTickBehavior;
 
 use super::access::Access;
 use super::assets::ASSETS;
@@ -27,8 +28,8 @@ const LONGEST_MESSAGE: usize = 4096;
 const HELLO: Duration = Duration::from_secs(5);
 /// How often a page is asked whether it is there.
 const PING: Duration = Duration::from_secs(1);
-/// A page that has not answered for so long has gone.
-const SILENCE: Duration = Duration::from_secs(4);
+/// A page that has answered none of so many pings has gone. Pings, not seconds: a server that had no time itself has nobody to blame.
+const SILENCE: u32 = 4;
 /// Answers that may wait for a page.
 const ANSWERS: usize = 32;
 /// WebSocket close code for a broken rule of the server.
@@ -105,7 +106,8 @@ async fn talk(shared: &Shared, mut socket: WebSocket) {
     let (page, mut news) = shared.hub.join();
     let (sender, mut answers) = mpsc::channel::<Arc<str>>(ANSWERS);
     let mut ping = tokio::time::interval(PING);
-    let (mut heard, mut dropped) = (Instant::now(), 0);
+    ping.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    let (mut unanswered, mut dropped) = (0, 0);
     let mut waiting: Vec<Arc<str>> = vec![welcome(page).to_json().into()];
     waiting.extend(shared.hub.known());
     loop {
@@ -117,8 +119,10 @@ async fn talk(shared: &Shared, mut socket: WebSocket) {
             break;
         }
         tokio::select! {
+            // What the page has said comes before the question whether it is there.
+            biased;
             message = socket.recv() => {
-                heard = Instant::now();
+                unanswered = 0;
                 match message {
                     Some(Ok(Message::Text(text))) => match read(shared, page, &text, &sender) {
                         Ok(answer) => waiting.extend(answer.map(|answer| answer.to_json().into())),
@@ -133,6 +137,12 @@ async fn talk(shared: &Shared, mut socket: WebSocket) {
                 }
             }
             answer = answers.recv() => waiting.extend(answer),
+            _ = ping.tick() => {
+                if unanswered == SILENCE || socket.send(Message::Ping(Default::default())).await.is_err() {
+                    break;
+                }
+                unanswered += 1;
+            }
             text = news.recv() => match text {
                 Ok(text) => waiting.push(text),
                 Err(RecvError::Lagged(messages)) => {
@@ -142,11 +152,6 @@ async fn talk(shared: &Shared, mut socket: WebSocket) {
                 }
                 Err(RecvError::Closed) => break,
             },
-            _ = ping.tick() => {
-                if heard.elapsed() > SILENCE || socket.send(Message::Ping(Default::default())).await.is_err() {
-                    break;
-                }
-            }
         }
     }
     shared.hub.leave(page);

@@ -1,6 +1,10 @@
 //! A page without a browser: its WebSocket alone.
 
+use std::io::ErrorKind;
 use std::net::TcpStream;
+use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
+use std::thread;
+use std::time::Duration;
 
 use serde_json::{Value, json};
 use servoctl::scope::Scope;
@@ -57,10 +61,11 @@ pub fn until_said(socket: &mut Socket, kind: &str) -> Value {
     }
 }
 
-/// A page that has said hello, and what it needs to go on.
+/// A page that has said hello. As in a browser, pings are answered whatever the page is doing: a thread sees to it, so that a
+/// test that looks at another page for long has not gone away from this one.
 pub struct Page {
-    socket: Socket,
-    token: String,
+    said: Receiver<Value>,
+    to_say: Sender<Value>,
 }
 
 impl Page {
@@ -76,27 +81,32 @@ impl Page {
         let (address, token) = parts(scope);
         let mut socket = socket(&address, &address, Some(&format!("http://{address}"))).unwrap();
         say(&mut socket, &token, json!({"do": "hello"}));
-        Page { socket, token }
+        let MaybeTlsStream::Plain(stream) = socket.get_ref() else { panic!("ws:// is not encrypted") };
+        stream.set_read_timeout(Some(Duration::from_millis(5))).unwrap();
+        let ((hears, said), (to_say, says)) = (channel(), channel());
+        thread::spawn(move || converse(socket, &token, &hears, &says));
+        Page { said, to_say }
     }
 
     /// The next message.
     pub fn next(&mut self) -> Value {
-        loop {
-            if let Message::Text(text) = self.socket.read().unwrap() {
-                return serde_json::from_str(&text).unwrap();
-            }
-        }
+        self.said.recv().expect("the server has closed the socket")
     }
 
     /// Sends an action and returns the reason why it was not done, or nothing.
     pub fn order(&mut self, action: Value) -> Option<String> {
-        say(&mut self.socket, &self.token, action);
+        self.to_say.send(action).expect("the server has closed the socket");
         self.until("answer")["error"].as_str().map(str::to_owned)
     }
 
     /// The next message of this kind.
     pub fn until(&mut self, kind: &str) -> Value {
-        until_said(&mut self.socket, kind)
+        loop {
+            let said = self.next();
+            if said["kind"] == kind {
+                return said;
+            }
+        }
     }
 
     /// Waits for a status of which this is true.
@@ -106,6 +116,27 @@ impl Page {
             if what(&status) {
                 return status;
             }
+        }
+    }
+}
+
+/// Says what the page wants said and hears what the server says, until one of them has gone.
+fn converse(mut socket: Socket, token: &str, hears: &Sender<Value>, says: &Receiver<Value>) {
+    loop {
+        match says.try_recv() {
+            Ok(action) => say(&mut socket, token, action),
+            Err(TryRecvError::Empty) => {}
+            Err(TryRecvError::Disconnected) => return,
+        }
+        match socket.read() {
+            Ok(Message::Text(text)) => {
+                if hears.send(serde_json::from_str(&text).unwrap()).is_err() {
+                    return;
+                }
+            }
+            Ok(_) => {}
+            Err(Error::Io(error)) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {}
+            Err(_) => return,
         }
     }
 }
