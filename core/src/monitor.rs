@@ -38,6 +38,8 @@ pub mod signals {
 pub const WINDOW_TICKS: u32 = 4;
 /// Length of a window, s.
 pub const WINDOW_S: f32 = SERVO_DT_S * WINDOW_TICKS as f32;
+/// A code of the temperature below this, the lowest hundredth of the converter's range, is that of an input without a wire.
+const NO_SENSOR_CODE: u16 = 655;
 /// Windows of acceleration against the force in a row that are a fault.
 const OPPOSED_WINDOWS: u8 = 3;
 
@@ -200,7 +202,9 @@ impl Monitor {
             }
             1 => {
                 self.heat_a2 += k.overload_share * (inputs.iq_a * inputs.iq_a - self.heat_a2);
-                self.heat_a2 > k.overload_a2 || inputs.temperature_code > k.temperature_max_code
+                self.heat_a2 > k.overload_a2
+                    || inputs.temperature_code > k.temperature_max_code
+                    || inputs.temperature_code < NO_SENSOR_CODE
             }
             2 => {
                 let error_ct = error_ct.unsigned_abs();
@@ -249,6 +253,7 @@ impl Monitor {
             (turn == 2 && self.runs_away, Fault::Runaway),
             (beyond(error_ct, k.following_error_max_ct), Fault::FollowingError),
             (inputs.temperature_code > k.temperature_max_code, Fault::OverTemperature),
+            (turn == 1 && inputs.temperature_code < NO_SENSOR_CODE, Fault::TemperatureSensor),
             (self.heat_a2 > k.overload_a2, Fault::MotorOverload),
             (turn == 3 && outside, Fault::PositionLimit),
             (turn == 3 && self.silent_windows > k.silent_windows, Fault::CommandTimeout),

@@ -127,7 +127,7 @@ parameters! {
     0x020c bus_full_scale_v "V" [1.0, 1000.0] 80.0, BridgeOff, "Bus voltage at the end of the converter's range.";
     0x020d bus_min_v "V" [1.0, 1000.0] 24.0, BridgeOff, "Below this the bridge is not turned on, and off if it was.";
     0x020e bus_max_v "V" [1.0, 1000.0] 60.0, BridgeOff, "Above this the bridge is off.";
-    0x020f temperature_zero_c "°C" [-300.0, 1000.0] -50.0, BridgeOff, "Temperature of the power stage at the lower end of the converter's range.";
+    0x020f temperature_zero_c "°C" [-300.0, 1000.0] -50.0, BridgeOff, "Temperature of the power stage at the lower end of the converter's range, whose lowest hundredth is taken for a sensor without its wire.";
     0x0210 temperature_full_scale_c "°C" [-300.0, 1000.0] 280.0, BridgeOff, "Temperature of the power stage at the upper end of the converter's range.";
     0x0211 temperature_max_c "°C" [-50.0, 200.0] 80.0, BridgeOff, "Above this the bridge is off.";
     0x0212 continuous_current_a "A" [0.01, 200.0] 4.0, BridgeOff, "Current that the motor takes for ever; the thermal model allows more for a time.";

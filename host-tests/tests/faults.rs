@@ -71,6 +71,8 @@ fn every_fault_seen_in_a_sample_turns_the_bridge_off_in_time_and_is_latched_with
         (Fault::BusUnderVoltage, 1, |s| s.bus_code = (23.9 / 80.0 * 65536.0) as u16),
         (Fault::BusUnderVoltage, 1, |s| s.bus_code = 0),
         (Fault::OverTemperature, 4, |s| s.temperature_code = (131.0 / 330.0 * 65536.0) as u16),
+        (Fault::TemperatureSensor, 4, |s| s.temperature_code = 0),
+        (Fault::TemperatureSensor, 4, |s| s.temperature_code = 654),
         (Fault::EncoderLost, u32::from(LOST_AFTER), |s| s.frame = u64::MAX),
         (Fault::EncoderLost, u32::from(LOST_AFTER), |s| s.frame = 0),
         (Fault::EncoderLost, u32::from(LOST_AFTER), |s| s.frame = 1 << 63 | s.frame >> 48),

@@ -257,6 +257,15 @@ fn a_hot_power_stage_turns_the_bridge_off() {
     assert_latched(&mut board, &mut link, Fault::OverTemperature);
 }
 
+/// At an input without a pull-up it reads as cold as the converter can.
+#[test]
+fn a_temperature_sensor_whose_wire_is_off_turns_the_bridge_off() {
+    let (mut board, mut link) = moving();
+    board.set_adc_fault(Analog::Temperature, Some(AdcFault::Open)).unwrap();
+    assert!(time_to_off_ns(&mut board, 25 * SERVO_PERIOD_NS).is_some());
+    assert_latched(&mut board, &mut link, Fault::TemperatureSensor);
+}
+
 #[test]
 fn a_silent_host_turns_the_bridge_off_and_one_that_asks_does_not() {
     let (mut board, mut link) = (common::board(), Link::new());
