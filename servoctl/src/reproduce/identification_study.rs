@@ -146,14 +146,14 @@ fn notes() -> Vec<String> {
     [
         "Friction is drawn once for each run from one distribution for all places and frequencies, so that the spread is the \
          plant's and not the method's: what can be judged is the bias against the truth and the spread of the single errors.",
-        "The printed genetic algorithm would be biased: by its misplaced square (sigma +220 %), and by its Euler step (sigma -4 % at \
-         8 Hz to -23 % at 32 Hz). Here Dahl's equation is solved exactly, with sample times, initial force and offset as they are.",
+        "The printed genetic algorithm would be biased: by its misplaced square (σ +220 %), and by its Euler step (σ −4 % at \
+         8 Hz to −23 % at 32 Hz). Here Dahl's equation is solved exactly, with sample times, initial force and offset as they are.",
         "The profile is added at the force summing node, with an amplitude raised until the stage moves 1.6 µm; the thesis gives \
          neither its amplitude nor its decay.",
         "Each record is fitted with local memory, as Dahl's model has, and with swings below 1 % and 4 % of the motion as part of the larger \
          motion around them, as parallel elements have; the fit that leaves least is taken.",
         "Settling turns back once or twice only: there the offset of the current is taken for known (0). Settlings are refused whose \
-         interval of sigma spans more than a factor of 1.5 (the stage hardly turned back) or whose fit leaves more than 3 % of F_C (what \
+         interval of σ spans more than a factor of 1.5 (the stage hardly turned back) or whose fit leaves more than 3 % of F_C (what \
          was seen is not Dahl's curve); both limits were set with the results in view.",
         "The 95 % intervals allow for residuals that are correlated along a leg and at one distance from all turning points, and for the \
          resolution of turning points and of the current's time. They say how far noise may have moved a fit of Dahl's curve, no more: on \

@@ -26,13 +26,14 @@ pub fn section(study: &IdentificationStudy) -> Section {
     let worst_check = Check::new(
         worst < WORST_N2,
         format!(
-            "worst mean square error {worst:.1e} N², {} that of the thesis",
+            "worst mean square error {} N², {} that of the thesis",
+            number(worst, 4),
             if worst < WORST_N2 { "below" } else { "above" }
         ),
     );
     let [by_frequency_table, by_method_table] = study.tables();
     let mut section = Section::new("6 Identification of friction")
-        .finding(Target::WorstFit, format!("{worst:.1e} N²"), &[worst_check])
+        .finding(Target::WorstFit, format!("{} N²", number(worst, 4)), &[worst_check])
         .finding(Target::Stiffness, found_in_words(&study.table_1, sigma, "drawn"), &bias_checks(&study.table_1, sigma))
         .finding(
             Target::Coulomb,
@@ -88,7 +89,11 @@ pub fn section(study: &IdentificationStudy) -> Section {
             section = section.figure(
                 &[31],
                 [loop_plot(first, true)],
-                format!("force over position after a 5 mm step ({}), with and without inertia", first.name),
+                format!(
+                    "force of the motor, friction (which is that without the force of inertia) and Dahl's fit over position after a 5 mm \
+                     step ({})",
+                    first.name
+                ),
             );
         }
         section = section.figure(
