@@ -74,12 +74,12 @@ pub fn reduction(run: &Run, config: usize, tolerance: usize) -> Option<(f64, f64
     Some((percent, reduction_standard_error_percent(&samples[0], &samples[1])?))
 }
 
-/// Tolerances (±, nm) of a run at which a configuration is not faster than PID: its mean is not below PID's or missing, or more of
-/// its moves than of PID's do not settle, which are in no mean.
+/// Tolerances (±, nm) of a run at which a configuration is not faster than PID: none of its moves settles, or more of them than of PID's
+/// do not, which are in no mean, or its mean is not below PID's. Where no move of PID's settles there is no mean to be below of.
 pub fn slower_at(run: &Run, config: usize) -> Vec<u32> {
     let mean = |config: usize, t: usize| run.configs.get(config)?.settling.mean_ms.get(t).copied().flatten();
     let unsettled = |config: usize, t: usize| run.configs.get(config).map(|c| c.settling.unsettled[t]);
-    let faster = |t: usize| matches!((mean(PID, t), mean(config, t)), (Some(before), Some(after)) if after < before);
+    let faster = |t: usize| mean(config, t).is_some_and(|after| mean(PID, t).is_none_or(|before| after < before));
     let slower = |t: &usize| !faster(*t) || unsettled(config, *t) > unsettled(PID, *t);
     (0..run.settling.tolerances_nm.len()).filter(slower).map(|t| run.settling.tolerances_nm[t]).collect()
 }
@@ -216,6 +216,15 @@ mod tests {
         assert_eq!(slower_at(&run, NIASA), [3]);
         run.configs[PID].settling.unsettled = vec![3, 0];
         assert_eq!(slower_at(&run, NIASA), [0u32; 0]);
+    }
+
+    #[test]
+    fn what_settles_is_faster_than_what_never_does() {
+        let mut run = tiny_run(&[(100.0, 100.0), (20.0, 20.0)]);
+        (run.configs[PID].settling.mean_ms[0], run.configs[PID].settling.unsettled[0]) = (None, 10);
+        assert_eq!(slower_at(&run, NIASA), [0u32; 0]);
+        (run.configs[NIASA].settling.mean_ms[0], run.configs[NIASA].settling.unsettled[0]) = (None, 10);
+        assert_eq!(slower_at(&run, NIASA), [3]);
     }
 
     #[test]
