@@ -4,7 +4,7 @@ use crate::plot::{Axis, Band, Plot, Series};
 use crate::reproduce::identification::{Fitted, Group, Trace};
 use crate::reproduce::identification_study::{Column, IdentificationStudy, Moments, Parameter};
 use crate::reproduce::words::plant;
-use crate::table::number;
+use crate::table::{MISSING, number};
 use crate::thesis::section::Section;
 use crate::thesis::targets::Target;
 use crate::thesis::verdict::{Check, judge};
@@ -141,6 +141,9 @@ fn coulomb(column: &Column) -> Parameter {
 }
 
 fn moments(m: Moments) -> String {
+    if !m.mean.is_finite() {
+        return MISSING.to_owned();
+    }
     format!("{} ± {}", number(m.mean, 2), number(m.std, 2))
 }
 
