@@ -2,6 +2,7 @@
 
 use std::f64::consts::{PI, TAU};
 
+use servo_core::PWM_HZ;
 use servo_sim::Stage;
 
 use super::small_amplitude::{between, expected_in_words, small_crossovers};
@@ -97,6 +98,11 @@ pub fn with_niasa(measured: &LoopTransmission) -> Section {
             format!("with NIASA, 1/τ_d = 2π·100 = {} 1/s, {amplitudes}", number(RATES_PER_S[1], 0)),
         )
         .table(&[], measured.section_8_2_table().under(CROSSOVERS))
+        .text(format!(
+            "{} The gains are computed with a PWM period of delay besides the current loop's own, too, which is {}° at {LARGE_HZ} Hz.",
+            friction_turns(&measured.plant, SECTION_8_2_PERCENT[0]),
+            number(360.0 * LARGE_HZ / f64::from(PWM_HZ), 1)
+        ))
         .table(&[], measured.stability_table().under(LEFT_OVER))
 }
 

@@ -209,6 +209,7 @@ fn corner_table(corners: &[&Run]) -> Table {
     corners.iter().fold(table, |table, run| {
         let slower = |config: usize| match slower_at(run, config).as_slice() {
             [] => MISSING.to_owned(),
+            slower if slower.len() == run.settling.tolerances_nm.len() => "any".to_owned(),
             slower => tolerances(slower),
         };
         let name = run.name.replace('-', "−");
