@@ -132,18 +132,19 @@ impl FastBench {
     /// Enables the drive and lets it hold for 0.1 s.
     ///
     /// # Errors
-    /// The drive's refusal; `WrongState` if it does not get to Operation enabled.
+    /// The fault that keeps the drive from Operation enabled, or its refusal.
     pub fn enable(&mut self) -> Outcome {
         for _ in 0..5 {
             self.tick(None);
         }
-        self.command(Command::Enable)?;
-        for _ in 0..800 {
+        let answer = self.command(Command::Enable);
+        for _ in 0..if answer.is_ok() { 800 } else { 0 } {
             self.tick(None);
         }
-        match self.drive.state() {
-            State::OperationEnabled => Ok(()),
-            other => Err(Refusal::WrongState(other)),
+        match (self.drive.fault(), self.drive.state()) {
+            (Some(fault), _) => Err(Refusal::FaultPersists(fault)),
+            (None, State::OperationEnabled) => answer,
+            (None, other) => answer.and(Err(Refusal::WrongState(other))),
         }
     }
 }
@@ -243,6 +244,7 @@ impl CurrentLoop {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use servo_core::fault::Fault;
 
     #[test]
     fn far_from_saturation_the_loop_is_of_first_order_with_one_period_of_delay() {
@@ -270,6 +272,14 @@ mod tests {
         for (position_m, share) in [(0.0, 1.0 / 3f64.sqrt()), (2.5e-3, 2.0 / 3.0), (5e-3, 1.0 / 3f64.sqrt())] {
             assert!((current.limit_v(position_m) / (usable_v * share) - 1.0).abs() < 1e-6, "{position_m} m");
         }
+    }
+
+    #[test]
+    fn what_keeps_the_drive_from_being_enabled_is_said() {
+        let mut stage = Stage::default();
+        stage.amplifier.temperature_c = 200.0;
+        let mut bench = FastBench::new(&stage, &Settings::default(), 1).unwrap();
+        assert_eq!(bench.enable(), Err(Refusal::FaultPersists(Fault::OverTemperature)));
     }
 
     #[test]

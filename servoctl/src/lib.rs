@@ -29,3 +29,4 @@ pub mod settling;
 pub mod table;
 pub mod theory;
 pub mod thesis;
+mod typeset;

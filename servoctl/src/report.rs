@@ -5,12 +5,13 @@
 
 use crate::plot::{self, Plot};
 use crate::table::Table;
+use crate::typeset::typeset;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
-pub(crate) mod typeset;
-use typeset::typeset;
-
 const STYLE: &str = include_str!("report/style.css");
+
+/// Columns from which on a table is set smaller, so that all of them are seen at once where there is room.
+const DENSE: usize = 8;
 
 /// A page in the making. Content goes to the section opened last; content before the first section stands under the summary.
 #[derive(Debug, Clone, PartialEq)]
@@ -267,7 +268,7 @@ impl Mark {
 fn html_table(table: &Table) -> Markup {
     let class = |column: usize| (column >= table.text_columns).then_some("n");
     html! {
-        table {
+        table.dense[table.header.len() >= DENSE] {
             thead { tr { @for (c, title) in table.header.iter().enumerate() { th class=[class(c)] scope="col" { (typeset(title)) } } } }
             tbody {
                 @for row in &table.rows {

@@ -150,8 +150,11 @@ fn mean_and_std(config: &Config, tolerance: usize) -> String {
     }
 }
 
-/// A number with fixed decimals and a typographic minus; a negative that rounds to zero loses its sign.
+/// A number with fixed decimals and a typographic minus; a negative that rounds to zero loses its sign. What is no number is [`MISSING`].
 pub fn number(value: f64, decimals: usize) -> String {
+    if !value.is_finite() {
+        return MISSING.to_owned();
+    }
     let text = format!("{:.decimals$}", value.abs());
     let is_zero = text.chars().all(|c| matches!(c, '0' | '.'));
     if value < 0.0 && !is_zero { format!("−{text}") } else { text }
@@ -219,5 +222,6 @@ tolerance           pid     pid+niasa   reduction   unsettled
         assert_eq!(number(-33.333, 1), "−33.3");
         assert_eq!(number(-0.04, 1), "0.0");
         assert_eq!(number(0.0, 0), "0");
+        assert_eq!(number(f64::NAN, 1), MISSING);
     }
 }

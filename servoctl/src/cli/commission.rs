@@ -13,7 +13,7 @@ use super::drive::Link as Line;
 use super::interrupt;
 use super::output::Json;
 use super::progress::Progress;
-use super::reproduce::read_stage;
+use super::stage::read_stage;
 use crate::commission::{
     CROSSOVER_HZ, Event, Failure, Found, Link, Many, OnLine, PHASE_MARGIN_DEG, Plan, Simulated, Step, data_sheet, page,
     run as commission, stages,
@@ -100,7 +100,7 @@ pub fn run(line: &Line, options: &Options) -> Result<ExitCode> {
     let found = options.found()?;
     let plan = |settings: Settings| Plan { wish, from: options.from, ..Plan::new(settings) };
     if options.simulated {
-        let mut stage = read_stage(options.stage.as_ref())?;
+        let mut stage = read_stage(options.stage.as_deref(), 0.0)?;
         if options.stage.is_none() {
             stage.friction.spread = None;
         }
@@ -108,7 +108,7 @@ pub fn run(line: &Line, options: &Options) -> Result<ExitCode> {
         let plan = plan(*link.settings());
         return one(&mut link, &plan, found, &about("the drive of servo-core, simulated", &stage), options);
     }
-    let stage = options.stage.as_ref().map(|file| read_stage(Some(file))).transpose()?;
+    let stage = options.stage.as_ref().map(|file| read_stage(Some(file), 0.0)).transpose()?;
     if let Some(file) = &options.stage {
         ensure!(line.virtual_drive, "--stage {}: only a simulated or a virtual drive has a stage file", file.display());
         start_on(file)?;

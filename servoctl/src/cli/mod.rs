@@ -16,6 +16,7 @@ pub mod progress;
 pub mod reference;
 pub mod report;
 pub mod reproduce;
+pub mod stage;
 pub mod theory;
 
 use clap::{CommandFactory, Parser, Subcommand};

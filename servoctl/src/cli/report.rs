@@ -8,7 +8,8 @@ use anyhow::{Context, Result, ensure};
 use super::interrupt;
 use super::output::Json;
 use super::progress::Progress;
-use super::reproduce::read_stage;
+use super::stage::read_stage;
+use crate::reproduce::experiments::Experiment;
 use crate::thesis::page;
 use crate::thesis::pictures::Picture;
 use crate::thesis::run::{Observer, Request, Size, run as compute};
@@ -70,7 +71,8 @@ pub fn run(options: &Options) -> Result<()> {
         None if options.full => Size::Full,
         None => Size::Quick,
     };
-    let mut request = Request { stage: read_stage(options.stage.as_ref())?, ..Request::new(size, options.seed) };
+    let stage = read_stage(options.stage.as_deref(), Experiment::Exp1.travel_m())?;
+    let mut request = Request { stage, ..Request::new(size, options.seed) };
     if let Some(file) = &options.stage {
         request.stage_name = file.file_name().unwrap_or(file.as_os_str()).to_string_lossy().into_owned();
     }

@@ -3,18 +3,18 @@
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 
-use anyhow::{Context, Result, anyhow, bail, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use clap::ValueEnum;
 use serde_json::{Map, Value, json};
 use servo_core::refusal::Refusal;
-use servo_host_tests::tuning::{self, STANDARD};
 use servo_sim::Stage;
 
 use super::interrupt;
 use super::output::Json;
 use super::progress::Progress;
+use super::stage::read_stage;
 use crate::reproduce::campaign::{Shard, Watch};
-use crate::reproduce::experiments::{Experiment, FIVE_MM_SLOW, MASS_ERRORS_PERCENT, Request};
+use crate::reproduce::experiments::{Experiment, MASS_ERRORS_PERCENT, Request};
 use crate::reproduce::identification;
 use crate::reproduce::identification_study::{self, IdentificationStudy};
 use crate::reproduce::loop_transmission::{self, LoopTransmission};
@@ -101,6 +101,15 @@ impl Name {
         self.to_possible_value().map_or(String::new(), |value| value.get_name().to_owned())
     }
 
+    /// Travel that its moves of 5 mm or its own steps need, m; what hardly moves needs less than any stage has.
+    fn travel_m(self) -> f64 {
+        match self.kind() {
+            Kind::Settling(experiment) => experiment.travel_m(),
+            Kind::IdentificationStudy | Kind::All => Experiment::Exp1.travel_m(),
+            Kind::LoopTransmission | Kind::Step100Um | Kind::Models => 0.0,
+        }
+    }
+
     fn kind(self) -> Kind {
         Kind::Settling(match self {
             Name::Exp1 => Experiment::Exp1,
@@ -131,8 +140,8 @@ pub fn run(options: &Options) -> Result<()> {
         ensure!((1..=1024).contains(&threads), "threads = {threads} is outside 1 to 1024");
         rayon::ThreadPoolBuilder::new().num_threads(threads).build_global()?;
     }
-    let stage = read_stage(options.stage.as_ref())?;
     options.check()?;
+    let stage = read_stage(options.stage.as_deref(), options.name.travel_m())?;
     if let Some(note) = options.unused() {
         eprintln!("{note}");
     }
@@ -302,60 +311,11 @@ fn planned(request: &Request) -> Result<crate::reproduce::experiments::Plan> {
     Ok(request.plan_watched(Watch { stop: interrupt::flag()?, finished: &finished })?)
 }
 
-/// The stage file, or the built-in one.
-///
-/// # Errors
-/// A file that cannot be read, or is wrong: with line, key, value and range; a stage too heavy for its motor.
-pub fn read_stage(file: Option<&PathBuf>) -> Result<Stage> {
-    let Some(file) = file else { return Ok(Stage::default()) };
-    let read = || {
-        let text = std::fs::read_to_string(file)?;
-        let stage = Stage::from_toml(&text)?;
-        check_force(&stage, &text)?;
-        Ok(stage)
-    };
-    read().map_err(|error: anyhow::Error| error.context(format!("--stage {}", file.display())))
-}
-
-/// Every experiment moves at 1 m/s², or begins with such a move. A drive that cannot ends with a following error, which tells a person
-/// less than this. The mass is what is too large, unless friction alone takes more than the motor has: then that is too weak.
-fn check_force(stage: &Stage, text: &str) -> Result<()> {
-    const LEAST_KG: f64 = 0.01;
-    const MOST_N_PER_A: f64 = 1000.0;
-    let (mechanics, friction) = (&stage.mechanics, &stage.friction);
-    let acceleration_m_per_s2 = FIVE_MM_SLOW.acceleration_m_per_s2;
-    let peak_m_per_s = libm::sqrt(acceleration_m_per_s2 * FIVE_MM_SLOW.step_m);
-    let friction_n = mechanics.viscous_n_s_per_m * peak_m_per_s + friction.static_n.unwrap_or(friction.coulomb_n);
-    let needed_n = mechanics.mass_kg * acceleration_m_per_s2 + friction_n;
-    let settings = tuning::uncalibrated(stage, &STANDARD)?;
-    let force_constant_n_per_a = settings.force_constant_n_per_a;
-    let given_n = settings.current_limit_a * force_constant_n_per_a;
-    if needed_n <= given_n {
-        return Ok(());
-    }
-    let most_kg = libm::floor((given_n - friction_n) / acceleration_m_per_s2 * 1e3) * 1e-3;
-    let least_n_per_a = libm::ceil(needed_n / settings.current_limit_a * 1e3) * 1e-3;
-    let refused = if most_kg >= LEAST_KG {
-        Stage::out_of_range(text, "mechanics.mass_kg", mechanics.mass_kg, LEAST_KG, most_kg)
-    } else {
-        Stage::out_of_range(text, "motor.force_constant_n_per_a", force_constant_n_per_a, least_n_per_a, MOST_N_PER_A)
-    };
-    Err(anyhow!(
-        "{} kg with {friction_n:.1} N of friction take {needed_n:.1} N at {acceleration_m_per_s2} m/s²; motor.force_constant_n_per_a and \
-         amplifier.full_scale_a give {given_n:.1} N",
-        mechanics.mass_kg
-    )
-    .context(refused))
-}
-
 #[cfg(test)]
 mod tests {
     use clap::Parser;
 
-    use servo_sim::Stage;
-    use servo_sim::stage::BUILT_IN_TOML;
-
-    use super::{Options, check_force};
+    use super::Options;
     use crate::cli::{Arguments, Command};
 
     fn options(typed: &[&str]) -> Options {
@@ -375,23 +335,6 @@ mod tests {
         assert!(models.unused().unwrap().starts_with("models: --moves and --stage not used"));
         assert_eq!(options(&["exp1", "--moves", "3"]).unused(), None);
         assert!(options(&["exp1", "--moves", "0"]).check().is_err());
-    }
-
-    #[test]
-    fn a_stage_too_heavy_for_its_motor_is_refused_with_line_key_value_range_and_both_forces() {
-        let refused = |from: &str, to: &str| {
-            let text = BUILT_IN_TOML.replace(from, to);
-            let line = 1 + text.lines().position(|line| line.starts_with(to)).unwrap();
-            let refused = check_force(&Stage::from_toml(&text).unwrap(), &text).unwrap_err();
-            (format!("{refused:#}"), format!("line {line}: "))
-        };
-        assert!(check_force(&Stage::default(), BUILT_IN_TOML).is_ok());
-        let (heavy, line) = refused("mass_kg = 1.8", "mass_kg = 100");
-        assert!(heavy.starts_with(&(line + "mechanics.mass_kg = 100 is outside 0.01 to 61.7")), "{heavy}");
-        assert!(heavy.contains("take 100.6 N at 1 m/s²") && heavy.ends_with("give 62.4 N"), "{heavy}");
-        // 1.8 kg and 0.6 N are nothing beside a drag of 1,000 N·s/m at 0.07 m/s.
-        let (dragged, _) = refused("viscous_n_s_per_m = 0.0", "viscous_n_s_per_m = 1000.0");
-        assert!(dragged.contains("motor.force_constant_n_per_a = 7.8 is outside 9.1"), "{dragged}");
     }
 
     #[test]

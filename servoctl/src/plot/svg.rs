@@ -4,6 +4,7 @@ use super::heat::BAR_HEIGHT;
 use super::path::{Point, Rect, path};
 use super::ticks::{Tick, ticks};
 use super::{Axis, Band, COLOURS, Direction, Heat, Mark, Plot, Scale, Series, WIDTH};
+use crate::typeset::{Piece, pieces};
 use std::fmt::Write;
 
 /// Sizes (user units); `GLYPH` is the width of an average character of the 13-unit type, on the wide side.
@@ -154,7 +155,7 @@ fn draw_axes(out: &mut String, plot: &Plot, frame: Rect, x: (&Mapping, &[Tick]),
     out.push_str(&rect("frame", frame.left, frame.top, frame.right - frame.left, frame.bottom - frame.top));
     text(out, "", ((frame.left + frame.right) / 2.0, plot.height - 8.0), "middle", &plot.x.title);
     let middle = n((frame.top + frame.bottom) / 2.0);
-    let title = escape(&plot.y.title);
+    let title = set(&plot.y.title);
     put(
         out,
         format_args!(r#"<text transform="translate(13 {middle})rotate(-90)" text-anchor="middle">{title}</text>"#),
@@ -219,6 +220,8 @@ struct Legend<'a> {
 /// What stands before a name in the legend.
 enum Key {
     Line(usize),
+    /// A line through points with their error bars.
+    DottedLine(usize),
     Dot(usize),
     Band,
     Rule,
@@ -232,7 +235,12 @@ impl<'a> Legend<'a> {
     fn of(plot: &'a Plot) -> Self {
         let key = |s: &Series| {
             let colour = s.colour % COLOURS;
-            if s.marks.iter().any(|m| matches!(m, Mark::Line(_))) { Key::Line(colour) } else { Key::Dot(colour) }
+            let has = |mark: fn(&Mark) -> bool| s.marks.iter().any(mark);
+            match (has(|m| matches!(m, Mark::Line(_))), has(|m| matches!(m, Mark::ErrorBar { .. }))) {
+                (true, false) => Key::Line(colour),
+                (true, true) => Key::DottedLine(colour),
+                (false, _) => Key::Dot(colour),
+            }
         };
         let series = plot.series.iter().flat_map(|s| match s.marks.first() {
             Some(Mark::Heat(heat)) => vec![(Key::Title, s.name.as_str()), (Key::Missing, heat.missing.as_str())],
@@ -259,18 +267,17 @@ impl<'a> Legend<'a> {
             let (from, middle) = (left + offset, 11.0 + *row as f64 * LINE_HEIGHT);
             let (start, end, centre) = (n(from), n(from + KEY), n(from + KEY / 2.0));
             let y = n(middle);
-            match key {
-                Key::Line(colour) => {
-                    put(out, format_args!(r#"<path class="key k{colour}" d="M{start} {y}H{end}"/>"#));
-                }
-                Key::Dot(colour) => {
-                    put(out, format_args!(r#"<circle class="k{colour}" cx="{centre}" cy="{y}" r="4"/>"#));
-                }
-                Key::Band => out.push_str(&rect("band", from, middle - 6.0, KEY, 12.0)),
-                Key::Rule => put(out, format_args!(r#"<path class="rule" d="M{start} {y}H{end}"/>"#)),
-                Key::Missing => out.push_str(&rect("heat none", from, middle - 6.0, KEY, 12.0)),
-                Key::Title => {}
-            }
+            let line = |colour: &usize| format!(r#"<path class="key k{colour}" d="M{start} {y}H{end}"/>"#);
+            let dot = |colour: &usize| format!(r#"<circle class="k{colour}" cx="{centre}" cy="{y}" r="4"/>"#);
+            out.push_str(&match key {
+                Key::Line(colour) => line(colour),
+                Key::Dot(colour) => dot(colour),
+                Key::DottedLine(colour) => line(colour) + &dot(colour),
+                Key::Band => rect("band", from, middle - 6.0, KEY, 12.0),
+                Key::Rule => format!(r#"<path class="rule" d="M{start} {y}H{end}"/>"#),
+                Key::Missing => rect("heat none", from, middle - 6.0, KEY, 12.0),
+                Key::Title => String::new(),
+            });
             let name_from = if matches!(key, Key::Title) { from } else { from + KEY + 6.0 };
             text(out, "", (name_from, middle + 4.5), "start", name);
         }
@@ -293,7 +300,26 @@ fn rect(class: &str, x: f64, y: f64, width: f64, height: f64) -> String {
 pub fn text(out: &mut String, class: &str, (x, y): Point, anchor: &str, content: &str) {
     let class = if class.is_empty() { String::new() } else { format!(r#" class="{class}""#) };
     let anchor = if anchor == "start" { String::new() } else { format!(r#" text-anchor="{anchor}""#) };
-    put(out, format_args!(r#"<text{class} x="{}" y="{}"{anchor}>{}</text>"#, n(x), n(y), escape(content)));
+    put(out, format_args!(r#"<text{class} x="{}" y="{}"{anchor}>{}</text>"#, n(x), n(y), set(content)));
+}
+
+/// A text with its symbols set: what is not on the line is small, and lower or higher.
+fn set(content: &str) -> String {
+    const INDEX: i32 = 3;
+    const EXPONENT: i32 = -5;
+    let mut height = 0;
+    let part = |piece| {
+        let (text, at) = match piece {
+            Piece::Text(text) => (text, 0),
+            Piece::Index(text) => (text, INDEX),
+            Piece::Exponent(text) => (text, EXPONENT),
+        };
+        let step = at - height;
+        height = at;
+        let size = if at == 0 { "" } else { r#" font-size="75%""# };
+        if step == 0 { escape(text) } else { format!(r#"<tspan dy="{step}"{size}>{}</tspan>"#, escape(text)) }
+    };
+    pieces(content).into_iter().map(part).collect()
 }
 
 /// A coordinate with at most one decimal.

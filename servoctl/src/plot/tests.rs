@@ -185,3 +185,12 @@ fn a_heat_map_with_no_cells_or_a_ragged_end_draws_what_there_is() {
         assert!(Document::parse(&svg).is_ok() && !svg.contains("NaN") && !svg.contains("inf"), "{svg}");
     }
 }
+
+#[test]
+fn a_symbol_in_a_label_has_its_index_below_the_line() {
+    let svg = Plot::new("", Axis::linear("F_C / N"), Axis::linear("force_n, F_i^sat")).svg();
+    assert!(svg.contains(r#">F<tspan dy="3" font-size="75%">C</tspan><tspan dy="-3"> / N</tspan></text>"#), "{svg}");
+    let raised =
+        r#"force_n, F<tspan dy="3" font-size="75%">i</tspan><tspan dy="-8" font-size="75%">sat</tspan></text>"#;
+    assert!(svg.contains(raised), "{svg}");
+}

@@ -31,7 +31,7 @@ pub const PROCEDURE: &str = "for every candidate of a coarse grid the PD gains a
 /// Added to the seed for the moves that the tuning sees.
 const TRAINING: u64 = 1_000;
 /// Amplitude at which margins are measured, % of full scale.
-const AMPLITUDE_PERCENT: f64 = 10.0;
+pub const AMPLITUDE_PERCENT: f64 = 10.0;
 /// Where the loop transmission is measured, as a share of the crossover frequency wanted.
 const AROUND: [f64; 5] = [0.7, 0.85, 1.0, 1.2, 1.45];
 /// Least time of a tone, s, and the ticks before it.
@@ -374,7 +374,7 @@ impl Search {
         ];
         let table = Table { text_columns: 2, ..Table::new(format!("Tuning: {}", self.procedure), &header) };
         self.tuned.iter().fold(table, |table, tuned| {
-            let admissible = if tuned.is_admissible { "" } else { " (not this one)" };
+            let admissible = if tuned.is_admissible { "" } else { ", taken anyway" };
             table.row([
                 tuned.name.to_owned(),
                 tuned.chosen.clone(),

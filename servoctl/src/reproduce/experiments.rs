@@ -118,6 +118,16 @@ impl Experiment {
         }
     }
 
+    /// Travel that its five steps up and back need, m.
+    pub fn travel_m(self) -> f64 {
+        let steps = match self {
+            Experiment::Step5Um => FIVE_UM,
+            Experiment::Step50Nm => FIFTY_NM,
+            _ => FIVE_MM_SLOW,
+        };
+        5.0 * steps.step_m
+    }
+
     /// Moves per configuration if nothing else is asked for: those of the thesis where it has the experiment.
     pub fn moves(self) -> u64 {
         match self {
@@ -155,7 +165,8 @@ impl Request {
                     let tuned_for = Tuning { feedforward: 1.0 + percent / 100.0, ..HIGH_PERFORMANCE };
                     let settings = tuning::settings(&self.stage, &tuned_for)?;
                     let cases = plan.pid_and_niasa(settings, FIVE_MM_FAST, &TOLERANCES_NM);
-                    plan.compare(&format!("mass error {percent:+} %"), tuned_for, Some(percent), &cases);
+                    let signed = if percent == 0.0 { "0".to_owned() } else { format!("{percent:+}") };
+                    plan.compare(&format!("mass error {signed} %"), tuned_for, Some(percent), &cases);
                 }
             }
             Experiment::Step5Um => plan.both_tunings(FIVE_UM, FIVE_UM, &[3, 5, 10, 20, 50])?,

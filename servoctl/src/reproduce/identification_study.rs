@@ -146,14 +146,14 @@ fn notes() -> Vec<String> {
     [
         "Friction is drawn once for each run from one distribution for all places and frequencies, so that the spread is the \
          plant's and not the method's: what can be judged is the bias against the truth and the spread of the single errors.",
-        "The printed genetic algorithm would be biased: by its misplaced square (sigma +220 %), and by its Euler step (sigma -4 % at \
-         8 Hz to -23 % at 32 Hz). Here Dahl's equation is solved exactly, with sample times, initial force and offset as they are.",
+        "The printed genetic algorithm would be biased: by its misplaced square (σ +220 %), and by its Euler step (σ −4 % at \
+         8 Hz to −23 % at 32 Hz). Here Dahl's equation is solved exactly, with sample times, initial force and offset as they are.",
         "The profile is added at the force summing node, with an amplitude raised until the stage moves 1.6 µm; the thesis gives \
          neither its amplitude nor its decay.",
         "Each record is fitted with local memory, as Dahl's model has, and with swings below 1 % and 4 % of the motion as part of the larger \
          motion around them, as parallel elements have; the fit that leaves least is taken.",
         "Settling turns back once or twice only: there the offset of the current is taken for known (0). Settlings are refused whose \
-         interval of sigma spans more than a factor of 1.5 (the stage hardly turned back) or whose fit leaves more than 3 % of F_C (what \
+         interval of σ spans more than a factor of 1.5 (the stage hardly turned back) or whose fit leaves more than 3 % of F_C (what \
          was seen is not Dahl's curve); both limits were set with the results in view.",
         "The 95 % intervals allow for residuals that are correlated along a leg and at one distance from all turning points, and for the \
          resolution of turning points and of the current's time. They say how far noise may have moved a fit of Dahl's curve, no more: on \
@@ -172,7 +172,7 @@ impl Column {
         let parameter = |thesis, scale: f64, of: fn(&Fitted) -> (f64, f64, bool)| {
             let found = moments(fits.iter().map(|fit| of(fit).0 * scale));
             let truth = moments(fits.iter().map(|fit| of(fit).1 * scale));
-            let count = fits.len().max(1) as f64;
+            let count = fits.len() as f64;
             let mut error: Vec<f64> = fits.iter().map(|fit| of(fit).0 / of(fit).1 - 1.0).collect();
             error.sort_by(f64::total_cmp);
             let covered = fits.iter().filter(|fit| of(fit).2).count() as f64;
@@ -192,16 +192,18 @@ impl Column {
             refused: groups.iter().flat_map(|group| group.refused.values()).sum(),
             sigma_n_per_um: parameter(thesis[0], 1e-6, |f| (f.sigma_n_per_m, f.true_sigma_n_per_m, f.sigma_covered)),
             coulomb_n: parameter(thesis[1], 1.0, |f| (f.coulomb_n, f.true_coulomb_n, f.coulomb_covered)),
-            worst_mse_n2: fits.iter().map(|fit| fit.mse_n2).fold(0.0, f64::max),
+            worst_mse_n2: fits.iter().map(|fit| fit.mse_n2).fold(f64::NAN, f64::max),
         }
     }
 }
 
+/// Of no values there are none: NaN, which JSON has as null.
 fn moments(values: impl Iterator<Item = f64> + Clone) -> Moments {
     let count = values.clone().count() as f64;
-    let mean = values.clone().sum::<f64>() / count.max(1.0);
+    let mean = values.clone().sum::<f64>() / count;
     let square = values.map(|v| (v - mean) * (v - mean)).sum::<f64>();
-    Moments { mean, std: (square / (count - 1.0).max(1.0)).sqrt() }
+    let std = if count > 0.0 { (square / (count - 1.0).max(1.0)).sqrt() } else { f64::NAN };
+    Moments { mean, std }
 }
 
 impl IdentificationStudy {
@@ -226,8 +228,13 @@ impl IdentificationStudy {
     fn table(&self, what: &str, columns: &[Column]) -> Table {
         let friction = &self.plant.friction;
         let caption = format!(
-            "{what}: {}, {} places × {} runs, seed {}; PID 100 Hz / 45°; {} kg, {:?} friction; mean ± standard deviation",
-            self.origin, self.places, self.runs, self.seed, self.plant.mechanics.mass_kg, friction.model
+            "{what}: {}, {} places × {} runs, seed {}; PID 100 Hz / 45°; {} kg, {} friction; mean ± standard deviation",
+            self.origin,
+            self.places,
+            self.runs,
+            self.seed,
+            self.plant.mechanics.mass_kg,
+            friction.model.name()
         );
         let header = [
             "",

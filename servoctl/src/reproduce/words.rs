@@ -7,11 +7,11 @@ use crate::settling::round_to;
 /// A plant in words.
 pub fn plant(stage: &Stage) -> String {
     format!(
-        "{} kg, {} friction σ {:.2} N/µm, F_C {:.2} N",
+        "{} kg, {} friction σ {:.2} N/µm, F_C {} N",
         stage.mechanics.mass_kg,
         stage.friction.model.name(),
         stage.friction.stiffness_n_per_m * 1e-6,
-        stage.friction.coulomb_n
+        round_to(stage.friction.coulomb_n, 4)
     )
 }
 

@@ -31,7 +31,7 @@ fn parsed(page: &str) -> String {
 
 /// Text as it stands in HTML.
 fn escaped(text: &str) -> String {
-    crate::report::typeset::typeset(text).into_string()
+    crate::typeset::typeset(text).into_string()
 }
 
 #[test]

@@ -48,7 +48,24 @@ pub fn section(measured: &LoopTransmission) -> Option<Section> {
                     "closed loop L/(1 + L) from the loop transmission at {} % of full current, and {shown}, fitted by least squares",
                     curve.amplitude_percent
                 ),
-            ),
+            )
+            .text(differences(&points, fit)),
+    )
+}
+
+/// Where the two differ: at the resonance, and far above it, where k_D makes the loop fall by one order only.
+fn differences(points: &[(f64, Complex)], model: SecondOrder) -> String {
+    let largest = |of: &dyn Fn(f64, Complex) -> f64| points.iter().map(|(hz, t)| of(*hz, *t)).fold(0.0, f64::max);
+    let last = points.last().map_or((0.0, 0.0, 0.0), |(hz, t)| (*hz, t.abs(), model.at(*hz).abs()));
+    format!(
+        "Explained is the share of the sum of squares over all frequencies shown, evenly spread over their logarithm. It is not the whole of \
+         the closed loop: its largest magnitude is {}, that of the second order {}; and k_D makes it fall by one order only, so that at {} Hz \
+         {} are left of it, {} of the second order.",
+        number(largest(&|_, t| t.abs()), 2),
+        number(largest(&|hz, _| model.at(hz).abs()), 2),
+        number(last.0, 0),
+        number(last.1, 3),
+        number(last.2, 3)
     )
 }
 

@@ -1,10 +1,11 @@
 //! Every compensator on the same moves (ch. 4, 7).
 
+use super::frequency::friction_turns;
 use super::settling::{conditions, table};
 use servo_sim::Carriage;
 
 use crate::plot::{Axis, Plot, Series};
-use crate::reproduce::compensators::{OBSERVER_SCALED, WITHOUT_DEAD_BAND};
+use crate::reproduce::compensators::{AMPLITUDE_PERCENT, OBSERVER_SCALED, WITHOUT_DEAD_BAND};
 use crate::reproduce::outcome::{ConfigOutcome, Outcome, Run};
 use crate::table::number;
 use crate::thesis::section::Section;
@@ -105,13 +106,15 @@ pub fn section(outcome: &Outcome, run: &Run) -> Section {
     if let Some(search) = &outcome.search {
         section = section
             .text(format!("Each compensator is tuned as well as this procedure can: {}.", search.procedure))
+            .text(friction_turns(&run.plant, AMPLITUDE_PERCENT))
             .table(&[], search.table().under("what was chosen, and out of what"));
     }
     section
         .figure(
             &[],
             [means_plot(run)],
-            "mean settling time per tolerance with every compensator, where at least half of the moves settled",
+            "mean settling time per tolerance with every compensator, where at least half of the moves settled; those that did not are in \
+             no mean, and their number stands beside the name",
         )
         .table(&[], table(run))
         .table(&[], outcome.configurations().under(CONFIGURATIONS))
@@ -142,8 +145,12 @@ fn means_plot(run: &Run) -> Plot {
         if points.is_empty() {
             return plot;
         }
+        let name = match config.settling.unsettled.iter().max() {
+            Some(left_out) if *left_out > 0 => format!("{} ({left_out} do not settle)", config.settling.name),
+            _ => config.settling.name.clone(),
+        };
         // The colours repeat after eight: dots tell the second round from the first.
-        let series = Series::new(&config.settling.name, i).line(points.iter().copied());
+        let series = Series::new(name, i).line(points.iter().copied());
         let dotted = i >= crate::plot::COLOURS;
         plot.series(points.iter().filter(|_| dotted).fold(series, |series, (x, ms)| series.error_bar(*x, *ms, 0.0)))
     });

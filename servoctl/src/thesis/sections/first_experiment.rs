@@ -1,7 +1,8 @@
 //! The first experiment (9.1): 250 steps of 5 mm at 1 m/s², PID 100 Hz / 45° without feedforward.
 
 use super::settling::{
-    NIASA, conditions, faster_everywhere, range_in_words, reduction_plot, settling_plot, table, unsettled, within_range,
+    NIASA, NIASA_7_55, conditions, faster_everywhere, range_in_words, reduction_plot, settling_plot, table, unsettled,
+    within_range,
 };
 use super::traces::{Traces, error_plot};
 use crate::reproduce::outcome::Run;
@@ -12,9 +13,6 @@ use crate::thesis::verdict::{Check, judge};
 
 /// Reduction of the mean settling time in the thesis (%), over all tolerances.
 pub const THESIS_PERCENT: (f64, f64) = (80.5, 87.4);
-
-/// Index of the configuration with NIASA as in 7.55.
-const NIASA_7_55: usize = 2;
 
 /// What a reduction is relative to.
 fn baseline(run: &Run) -> String {

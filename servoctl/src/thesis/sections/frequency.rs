@@ -1,6 +1,9 @@
 //! Loop transmissions: by amplitude (5.1, fig. 15) and with NIASA (8.2, figs 57 to 62 and 68).
 
-use std::f64::consts::TAU;
+use std::f64::consts::{PI, TAU};
+
+use servo_core::PWM_HZ;
+use servo_sim::Stage;
 
 use super::small_amplitude::{between, expected_in_words, small_crossovers};
 use crate::plot::{Axis, Band, Plot, Series};
@@ -14,6 +17,8 @@ use crate::thesis::verdict::{Check, Verdict, judge};
 
 /// Least amplitude that behaves like a mass, and largest that behaves like a spring, in the thesis (% of full current).
 const MASS_FROM_PERCENT: f64 = 1.25;
+/// Largest amplitude of figure 15 (% of full current).
+const LARGE_PERCENT: f64 = 10.0;
 /// See [`MASS_FROM_PERCENT`].
 const SPRING_TO_PERCENT: f64 = 0.625;
 /// Resonance of the small amplitudes in the thesis (Hz).
@@ -52,6 +57,7 @@ pub fn by_amplitude(measured: &LoopTransmission) -> Section {
              first tuning",
         )
         .table(&[], measured.figure_15_table().under(BY_AMPLITUDE))
+        .text(friction_turns(&measured.plant, LARGE_PERCENT))
 }
 
 /// Section 8.2.
@@ -92,7 +98,27 @@ pub fn with_niasa(measured: &LoopTransmission) -> Section {
             format!("with NIASA, 1/τ_d = 2π·100 = {} 1/s, {amplitudes}", number(RATES_PER_S[1], 0)),
         )
         .table(&[], measured.section_8_2_table().under(CROSSOVERS))
+        .text(format!(
+            "{} The gains are computed with a PWM period of delay besides the current loop's own, too, which is {}° at {LARGE_HZ} Hz.",
+            friction_turns(&measured.plant, SECTION_8_2_PERCENT[0]),
+            number(360.0 * LARGE_HZ / f64::from(PWM_HZ), 1)
+        ))
         .table(&[], measured.stability_table().under(LEFT_OVER))
+}
+
+/// Why a phase margin measured with friction is larger than the one that the gains were computed for.
+///
+/// Coulomb friction is in phase with velocity; of its square wave the fundamental is 4 F_C/π. Beside a force F that turns the phase of
+/// the mass by asin(4 F_C/πF).
+pub(super) fn friction_turns(plant: &Stage, percent: f64) -> String {
+    let amplitude_n = percent / 100.0 * plant.amplifier.full_scale_a * plant.motor.force_constant_n_per_a;
+    let share = 4.0 * plant.friction.coulomb_n / (PI * amplitude_n);
+    format!(
+        "A phase margin measured on the stage is larger than the one that the gains were computed for on the free mass, because friction \
+         damps: beside a force F it turns the phase of the mass by asin(4 F_C/πF), which is {}° at {percent} % of full current and more at \
+         less.",
+        if share < 1.0 { number(libm::asin(share).to_degrees(), 0) } else { MISSING.to_owned() }
+    )
 }
 
 /// What was measured on, by name.
@@ -240,7 +266,6 @@ fn stability_in_words(cases: &[Stability]) -> String {
 pub(super) mod tests {
     use super::*;
     use crate::thesis::verdict::Outcome;
-    use servo_sim::Stage;
 
     fn curve(percent: f64, niasa: Option<(f64, f64)>, crossover_hz: &[f64], like: &'static str) -> Curve {
         Curve {

@@ -4,10 +4,11 @@ use crate::plot::{Axis, Band, Plot, Series};
 use crate::reproduce::identification::{Fitted, Group, Trace};
 use crate::reproduce::identification_study::{Column, IdentificationStudy, Moments, Parameter};
 use crate::reproduce::words::plant;
-use crate::table::number;
+use crate::table::{MISSING, number};
 use crate::thesis::section::Section;
 use crate::thesis::targets::Target;
-use crate::thesis::verdict::Check;
+use crate::thesis::verdict::{Check, judge};
+use servo_sim::stage::FrictionModel;
 
 /// Largest bias of a mean against what was drawn (%), and largest difference of the two methods' biases.
 const BIAS_PERCENT: f64 = 2.0;
@@ -22,24 +23,34 @@ pub fn section(study: &IdentificationStudy) -> Section {
         ("Plant", format!("{}, redrawn per run", plant(&study.plant))),
         ("Runs", format!("{} at each of {} places and each frequency, seed {}", study.runs, study.places, study.seed)),
     ];
-    let worst = study.table_1.iter().map(|column| column.worst_mse_n2).fold(0.0, f64::max);
+    let worst = study.table_1.iter().map(|column| column.worst_mse_n2).fold(f64::NAN, f64::max);
     let worst_check = Check::new(
         worst < WORST_N2,
         format!(
-            "worst mean square error {worst:.1e} N², {} that of the thesis",
-            if worst < WORST_N2 { "below" } else { "above" }
+            "worst mean square error {} N², {} that of the thesis",
+            number(worst, 4),
+            if worst < WORST_N2 { "below" } else { "not below" }
         ),
     );
+    let verdict = |checks: &[Check]| judge(checks).because(not_dahls(study));
     let [by_frequency_table, by_method_table] = study.tables();
     let mut section = Section::new("6 Identification of friction")
-        .finding(Target::WorstFit, format!("{worst:.1e} N²"), &[worst_check])
-        .finding(Target::Stiffness, found_in_words(&study.table_1, sigma, "drawn"), &bias_checks(&study.table_1, sigma))
-        .finding(
+        .finding(Target::WorstFit, format!("{} N²", number(worst, 4)), &[worst_check])
+        .judged(
+            Target::Stiffness,
+            found_in_words(&study.table_1, sigma, "drawn"),
+            verdict(&bias_checks(&study.table_1, sigma)),
+        )
+        .judged(
             Target::Coulomb,
             found_in_words(&study.table_1, coulomb, "drawn"),
-            &bias_checks(&study.table_1, coulomb),
+            verdict(&bias_checks(&study.table_1, coulomb)),
         )
-        .finding(Target::ProfileAgainstSettling, methods_in_words(&study.table_2), &method_checks(&study.table_2))
+        .judged(
+            Target::ProfileAgainstSettling,
+            methods_in_words(&study.table_2),
+            verdict(&method_checks(&study.table_2)),
+        )
         .conditions(conditions)
         .table(&[1], by_frequency_table.under("σ and F_C by frequency of the identification profile"))
         .table(&[2], by_method_table.under("identification profile, and settling of 5 mm steps"));
@@ -88,7 +99,11 @@ pub fn section(study: &IdentificationStudy) -> Section {
             section = section.figure(
                 &[31],
                 [loop_plot(first, true)],
-                format!("force over position after a 5 mm step ({}), with and without inertia", first.name),
+                format!(
+                    "force of the motor, friction (which is that without the force of inertia) and Dahl's fit over position after a 5 mm \
+                     step ({})",
+                    first.name
+                ),
             );
         }
         section = section.figure(
@@ -104,6 +119,19 @@ pub fn section(study: &IdentificationStudy) -> Section {
     section
 }
 
+/// Why Dahl's σ and F_C are not found on a stage whose curve is another; nothing on one whose curve is his.
+fn not_dahls(study: &IdentificationStudy) -> String {
+    let model = study.plant.friction.model;
+    match model {
+        FrictionModel::MaxwellSlip | FrictionModel::Dahl | FrictionModel::LuGre => String::new(),
+        _ => format!(
+            "What is fitted is Dahl's curve, and a stage of model {} has another: its σ and F_C are not his. The other curve is what \
+             `servoctl fit maxwell` is for",
+            model.name()
+        ),
+    }
+}
+
 fn sigma(column: &Column) -> Parameter {
     column.sigma_n_per_um
 }
@@ -113,6 +141,9 @@ fn coulomb(column: &Column) -> Parameter {
 }
 
 fn moments(m: Moments) -> String {
+    if !m.mean.is_finite() {
+        return MISSING.to_owned();
+    }
     format!("{} ± {}", number(m.mean, 2), number(m.std, 2))
 }
 

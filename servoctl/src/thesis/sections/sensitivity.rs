@@ -1,7 +1,9 @@
 //! How settling depends on each of NIASA's parameters (8.1, ch. 11), on a stage that is not what the model says (7.4), and on the
 //! model whose slope NIASA takes (ch. 11).
 
-use super::settling::{conditions, range_in_words, reduction, sample, slower_at, table, tolerances};
+use super::settling::{
+    NIASA, NIASA_7_55, PID, conditions, range_in_words, reduction, sample, slower_at, table, tolerances,
+};
 use servo_sim::friction::Element;
 
 use crate::plot::{Axis, Band, Plot, Series};
@@ -14,6 +16,8 @@ use crate::thesis::verdict::{Check, Sample, Verdict, judge};
 
 /// Tolerance that the pictures show (±, nm).
 const SHOWN_NM: u32 = 10;
+/// Index of the finest tolerance.
+const FINEST: usize = 0;
 /// Positions of half and twice the nominal value among a parameter's five, after PID.
 const HALF_AND_TWICE: [usize; 2] = [2, 4];
 
@@ -38,9 +42,13 @@ pub fn section(runs: &[&Run]) -> Section {
         .figure(
             &[],
             parameters.iter().map(|run| parameter_plot(run)).collect::<Vec<_>>(),
-            format!("reduction of the mean settling time to ±{SHOWN_NM} nm, each parameter by itself"),
+            format!(
+                "reduction of the mean settling time to ±{SHOWN_NM} nm, each parameter by itself; moves that did not settle are in no mean \
+                 (see below)"
+            ),
         )
         .table(&[], corner_table(&corners));
+    let section = restless(runs).into_iter().chain(at_once(&corners)).fold(section, Section::text);
     let section = section.text(
         "Chapter 11 asks whether the slope of a GMS model could do what Dahl's does. Here the stage has the curve of table 4, steeper at first \
          and longer than an exponential, with the σ and F_C of the other stages. NIASA takes the slope of Dahl's model, of Maxwell slip \
@@ -143,17 +151,77 @@ fn parameter_plot(run: &Run) -> Plot {
     plot
 }
 
+/// Which configurations leave moves that never come to rest, if there are any.
+fn restless(runs: &[&Run]) -> Option<String> {
+    let all = runs.iter().flat_map(|run| run.configs.iter().skip(NIASA).map(|config| (run.name.as_str(), config)));
+    let found = all.filter_map(|(run, config)| {
+        let left_out = config.settling.unsettled.last().filter(|left_out| **left_out > 0)?;
+        let of = config.settling.settling_ms.len();
+        let unrest = config.restless_nm.map_or(MISSING.to_owned(), |nm| number(nm, 0));
+        let name = format!("{}, {}", run.replace('-', "−"), config.settling.name);
+        Some(format!("{name}: {left_out} of {of} ({unrest} nm rms over all moves)"))
+    });
+    let found: Vec<String> = found.collect();
+    (!found.is_empty()).then(|| {
+        format!(
+            "Not every move comes to rest. At the end of their dwell these are still outside every tolerance: {}. They swing: with a modelled \
+             friction that is too large for the stage the rate limit lets the integrator gain more in a quarter of a swing than there is \
+             friction to hold it. How large F̂_C may be is in docs/control.md; section 8.1.1 of the thesis asks for a conservative one.",
+            found.join("; ")
+        )
+    })
+}
+
+/// What a reduction far below zero is relative to: a PID that is inside a coarse tolerance almost at once.
+fn at_once(corners: &[&Run]) -> Option<String> {
+    let found = |run: &&Run| {
+        let run = *run;
+        let coarsest = run.settling.tolerances_nm.len().checked_sub(1)?;
+        let ms = |config: usize| run.configs.get(config)?.settling.mean_ms[coarsest];
+        let (pid, niasa, niasa_7_55) = (ms(PID)?, ms(NIASA)?, ms(NIASA_7_55)?);
+        (pid < niasa.min(niasa_7_55)).then(|| {
+            format!(
+                "{} to ±{} nm: PID {} ms, NIASA {} (App. E) and {} ms (7.55)",
+                run.name.replace('-', "−"),
+                run.settling.tolerances_nm[coarsest],
+                number(pid, 1),
+                number(niasa, 1),
+                number(niasa_7_55, 1)
+            )
+        })
+    };
+    let found: Vec<String> = corners.iter().filter_map(found).collect();
+    let words = "Where friction is large for its stiffness, it may stop the stage inside a coarse tolerance, and there is nothing to gain";
+    (!found.is_empty()).then(|| format!("{words}: {}.", found.join("; ")))
+}
+
 fn corner_table(corners: &[&Run]) -> Table {
-    let header = ["stage", "reduction (App. E)", "not faster at", "reduction (7.55)", "not faster at"];
+    let header = [
+        "stage",
+        "reduction (App. E)",
+        "not faster at",
+        "reduction (7.55)",
+        "not faster at",
+        "do not settle to ±3 nm: PID / App. E / 7.55",
+    ];
     let title = "Stages at the corners of what was measured, the drive unchanged, friction not redrawn";
     let table = Table::new(title, &header);
     corners.iter().fold(table, |table, run| {
         let slower = |config: usize| match slower_at(run, config).as_slice() {
             [] => MISSING.to_owned(),
+            slower if slower.len() == run.settling.tolerances_nm.len() => "any".to_owned(),
             slower => tolerances(slower),
         };
         let name = run.name.replace('-', "−");
-        table.row([name, range_in_words(run, 1), slower(1), range_in_words(run, 2), slower(2)])
+        let unsettled: Vec<String> = run.configs.iter().map(|c| c.settling.unsettled[FINEST].to_string()).collect();
+        table.row([
+            name,
+            range_in_words(run, NIASA),
+            slower(NIASA),
+            range_in_words(run, NIASA_7_55),
+            slower(NIASA_7_55),
+            unsettled.join(" / "),
+        ])
     })
 }
 

@@ -15,6 +15,8 @@ pub fn title(run: &Run) -> String {
 pub const PID: usize = 0;
 /// See [`PID`].
 pub const NIASA: usize = 1;
+/// Index of NIASA as in 7.55, where a run has both forms.
+pub const NIASA_7_55: usize = 2;
 
 /// What the runs of a section were made on, by name; where they differ, all of it.
 pub fn conditions(runs: &[&Run]) -> Vec<(&'static str, String)> {
@@ -36,9 +38,10 @@ pub fn conditions(runs: &[&Run]) -> Vec<(&'static str, String)> {
 pub fn table(run: &Run) -> Table {
     let name = if run.name.is_empty() { String::new() } else { format!("{}: ", title(run)) };
     let what = if run.configs.len() <= 3 {
-        "mean ± standard deviation"
+        let of = run.configs.get(NIASA).map_or("", |config| config.settling.name.as_str());
+        format!("mean ± standard deviation; reduction by {of}; moves that did not settle, in the order of the columns")
     } else {
-        "mean (reduction against PID), where at least half of the moves settled"
+        "mean (reduction against PID), where at least half of the moves settled".to_owned()
     };
     run.table().under(format!("{name}settling time after the end of the profile in ms, {what}"))
 }
@@ -71,11 +74,13 @@ pub fn reduction(run: &Run, config: usize, tolerance: usize) -> Option<(f64, f64
     Some((percent, reduction_standard_error_percent(&samples[0], &samples[1])?))
 }
 
-/// Tolerances (±, nm) of a run at which a configuration's mean is not below PID's; a missing mean counts as not below.
+/// Tolerances (±, nm) of a run at which a configuration is not faster than PID: none of its moves settles, or more of them than of PID's
+/// do not, which are in no mean, or its mean is not below PID's. Where no move of PID's settles there is no mean to be below of.
 pub fn slower_at(run: &Run, config: usize) -> Vec<u32> {
     let mean = |config: usize, t: usize| run.configs.get(config)?.settling.mean_ms.get(t).copied().flatten();
-    let slower =
-        |t: &usize| !matches!((mean(PID, *t), mean(config, *t)), (Some(before), Some(after)) if after < before);
+    let unsettled = |config: usize, t: usize| run.configs.get(config).map(|c| c.settling.unsettled[t]);
+    let faster = |t: usize| mean(config, t).is_some_and(|after| mean(PID, t).is_none_or(|before| after < before));
+    let slower = |t: &usize| !faster(*t) || unsettled(config, *t) > unsettled(PID, *t);
     (0..run.settling.tolerances_nm.len()).filter(slower).map(|t| run.settling.tolerances_nm[t]).collect()
 }
 
@@ -201,6 +206,25 @@ mod tests {
         assert_eq!(slower_at(&run, NIASA), [10]);
         assert_eq!(faster_everywhere(&run).says, "NIASA not faster at ±10 nm");
         assert_eq!(range_in_words(&run, NIASA), "−20.0 to 80.0 %");
+    }
+
+    /// The mean of the few that settle says nothing of the others.
+    #[test]
+    fn a_configuration_that_leaves_more_moves_unsettled_is_not_faster() {
+        let mut run = tiny_run(&[(100.0, 100.0), (20.0, 20.0)]);
+        run.configs[NIASA].settling.unsettled = vec![3, 0];
+        assert_eq!(slower_at(&run, NIASA), [3]);
+        run.configs[PID].settling.unsettled = vec![3, 0];
+        assert_eq!(slower_at(&run, NIASA), [0u32; 0]);
+    }
+
+    #[test]
+    fn what_settles_is_faster_than_what_never_does() {
+        let mut run = tiny_run(&[(100.0, 100.0), (20.0, 20.0)]);
+        (run.configs[PID].settling.mean_ms[0], run.configs[PID].settling.unsettled[0]) = (None, 10);
+        assert_eq!(slower_at(&run, NIASA), [0u32; 0]);
+        (run.configs[NIASA].settling.mean_ms[0], run.configs[NIASA].settling.unsettled[0]) = (None, 10);
+        assert_eq!(slower_at(&run, NIASA), [3]);
     }
 
     #[test]

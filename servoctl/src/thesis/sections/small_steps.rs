@@ -31,7 +31,7 @@ pub fn fifty_nanometres(runs: &[&Run], traces: &[Traces]) -> Section {
             &numbers,
             [position_plot(&pair[0]), position_plot(&pair[1])],
             format!(
-                "{} moves with {}: PID (left) and NIASA as in appendix E (right); every move drawn upwards",
+                "{} moves with the {} tuning: PID (left) and NIASA as in appendix E (right); every move drawn upwards",
                 pair[0].moves.len(),
                 pair[0].name
             ),
@@ -43,8 +43,8 @@ pub fn fifty_nanometres(runs: &[&Run], traces: &[Traces]) -> Section {
 fn compared(section: Section, target: Target, runs: &[&Run]) -> Section {
     let checks: Vec<Check> = runs.iter().map(|run| faster_everywhere(run)).collect();
     let moves = runs.first().map_or(0, |run| run.settling.moves);
-    let of = |run: &&Run| format!("{}: {}", title(run), range_in_words(run, NIASA));
-    let ours = runs.iter().map(of).collect::<Vec<_>>().join("; ");
+    let of = |run: &&Run| format!("{} with the {} tuning", range_in_words(run, NIASA), title(run));
+    let ours = runs.iter().map(of).collect::<Vec<_>>().join(", ");
     section.finding(target, format!("reduction {ours}; {moves} moves"), &checks).conditions(conditions(runs))
 }
 
@@ -65,11 +65,11 @@ fn at_once(section: Section, run: &Run) -> Section {
     let reason = niasa.end_error_rms_nm.filter(|nm| *nm > f64::from(AT_ONCE_NM)).map_or(String::new(), |nm| {
         format!(
             "When the profile ends the error is still {} nm rms: the profile lasts {} ms and τ_d is {} ms, so a first-order \
-             approach has e^(−{}) of its lag left",
+             approach has {} % of its lag left",
             number(nm, 0),
             number(run.step.profile_ms, 1),
             number(tau_d_ms, 0),
-            number(run.step.profile_ms / tau_d_ms, 1)
+            number(100.0 * libm::exp(-run.step.profile_ms / tau_d_ms), 0)
         )
     });
     let verdict = judge(&checks).because(reason);
@@ -87,7 +87,7 @@ fn with_figures(mut section: Section, runs: &[&Run], numbers: &[u8]) -> Section 
                 &[*number],
                 [settling_plot(run), reduction_plot(run, None)],
                 format!(
-                    "{}: settling time after the end of the profile (left), mean ± standard deviation, and its reduction (right)",
+                    "{} tuning: settling time after the end of the profile (left), mean ± standard deviation, and its reduction (right)",
                     title(run)
                 ),
             )

@@ -99,7 +99,7 @@ fn stage_in_words(stage: &Stage) -> String {
 
 fn stage_checks(stage: &Stage) -> [Check; 4] {
     [
-        Check::within("travel", Some(stage.mechanics.travel_m * 1e3), (99.5, 100.5), 0, "mm"),
+        Check::within("travel", Some(stage.mechanics.travel_m * 1e3), (99.5, 100.5), 1, "mm"),
         Check::within("moving mass", Some(stage.mechanics.mass_kg), (1.75, 1.85), 2, "kg"),
         Check::within("resolution", Some(stage.encoder.count_m * 1e12), (60.5, 61.5), 1, "pm"),
         Check::within("servo rate", Some(f64::from(SERVO_HZ) * 1e-3), (8.0, 8.0), 0, "kHz"),
