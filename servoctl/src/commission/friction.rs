@@ -110,7 +110,7 @@ pub fn friction(session: &mut Session, found: &mut Found) -> Result<String, Fail
     let half_m = 0.5 * (settings.travel_max_m - settings.travel_min_m);
     let middle_m = 0.5 * (settings.travel_max_m + settings.travel_min_m);
     session.enable()?;
-    found.profiles.clear();
+    let mut profiles = Vec::new();
     for (index, place) in PLACES.into_iter().enumerate() {
         session.done(index, PLACES.len());
         let place_m = middle_m + place * half_m;
@@ -120,9 +120,14 @@ pub fn friction(session: &mut Session, found: &mut Found) -> Result<String, Fail
         let shape = Shape::DecayingSine { amplitude, frequency_hz: PROFILE_HZ, periods: PERIODS, end_share: END_SHARE };
         let length_s = f64::from(PERIODS) / f64::from(PROFILE_HZ);
         let samples = session.capture(&Order::Excite(bounds(&settings).around(shape)), length_s, 1)?;
-        found.profiles.push(fit_profile(&samples, &settings, mass_kg, place_m, f64::from(amplitude))?);
+        profiles.push((place_m, f64::from(amplitude), samples));
         session.wait(0.1)?;
     }
+    session.off()?;
+    found.profiles = profiles
+        .iter()
+        .map(|(place_m, amplitude_n, samples)| fit_profile(samples, &settings, mass_kg, *place_m, *amplitude_n))
+        .collect::<Result<_, _>>()?;
     let median = |of: fn(&ProfileFit) -> f64| {
         let mut values: Vec<f64> = found.profiles.iter().map(of).collect();
         values.sort_by(f64::total_cmp);
