@@ -5,7 +5,7 @@ mod common;
 use std::f64::consts::TAU;
 
 use servo_ident::frf::{self, Complex64, Point};
-use servo_ident::length_scale::{Extreme, Swing};
+use servo_ident::length_scale::{End, Extreme, Swing};
 use servo_ident::{DataError, length_scale, move_check};
 use servo_sim::random::{Noise, Purpose};
 
@@ -120,7 +120,7 @@ fn the_length_scale_of_the_worked_example_is_637_nanometres() {
         .unzip();
     let swing = Swing::of(&time_s, &position_m, 100e-6).unwrap();
     let found = length_scale::find(&swing, 8e-3, length_scale::USUAL_FACTOR).unwrap();
-    assert!(!found.creeps);
+    assert_eq!((found.end, found.at), (End::Untimely, 3));
     assert!((found.length_m - 637e-9).abs() < 5e-9, "{found:?}");
     assert!((found.linear_from_m - 3.81e-6).abs() < 20e-9, "{found:?}");
     // The top of an extreme is flat: with noise its time is known to a millisecond or two.
@@ -135,11 +135,20 @@ fn a_stage_that_creeps_from_its_last_extreme_shows_its_length_scale_there() {
     let extreme = |time_s: f64, nm: f64| Extreme { time_s, error_m: nm * 1e-9 };
     let swing = Swing { extremes: vec![extreme(8e-3, 20_000.0), extreme(16e-3, -4_760.0)], settled_s: 0.4 };
     let found = length_scale::find(&swing, 8e-3, length_scale::USUAL_FACTOR).unwrap();
-    assert!(found.creeps && found.length_m == 4_760e-9 && (found.leg_s - 0.384).abs() < 1e-9, "{found:?}");
-    // Thrown back by the friction's spring after a millisecond, far from the target: it rules there as well.
-    let rings = Swing { extremes: [&swing.extremes[..], &[extreme(17e-3, -4_700.0)]].concat(), settled_s: 0.4 };
-    let found = length_scale::find(&rings, 8e-3, length_scale::USUAL_FACTOR).unwrap();
-    assert!(!found.creeps && found.length_m == 4_760e-9 && (found.leg_s - 1e-3).abs() < 1e-9, "{found:?}");
+    assert!(found.end == End::Creeps && found.length_m == 4_760e-9 && (found.leg_s - 0.384).abs() < 1e-9, "{found:?}");
+    // Whether it rings where friction has stopped it makes no difference, and neither does when it gets there.
+    for stopped_s in [17e-3, 24e-3] {
+        let rings =
+            [extreme(stopped_s, -1_216.0), extreme(stopped_s + 1e-3, -1_230.0), extreme(stopped_s + 2e-3, -1_217.0)];
+        let rings = Swing { extremes: [&swing.extremes[..], &rings].concat(), settled_s: 0.4 };
+        let found = length_scale::find(&rings, 8e-3, length_scale::USUAL_FACTOR).unwrap();
+        assert!(found.end == End::Short && found.length_m == 4_760e-9, "{found:?}");
+        assert!((found.leg_s - (stopped_s - 16e-3)).abs() < 1e-9, "{found:?}");
+    }
+    // Thrown back across the target after a millisecond: friction's spring.
+    let thrown = Swing { extremes: [&swing.extremes[..], &[extreme(17e-3, 200.0)]].concat(), settled_s: 0.4 };
+    let found = length_scale::find(&thrown, 8e-3, length_scale::USUAL_FACTOR).unwrap();
+    assert!(found.end == End::Untimely && found.length_m == 4_760e-9 && (found.leg_s - 1e-3).abs() < 1e-9, "{found:?}");
     // With its first extreme already there is nothing linear to compare with; without one there is no swing.
     for (extremes, settled_s) in [(vec![extreme(8e-3, 900.0)], 0.4), (Vec::new(), 0.0)] {
         let refused = length_scale::find(&Swing { extremes, settled_s }, 8e-3, length_scale::USUAL_FACTOR);

@@ -5,12 +5,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use servo_core::capture;
 use servo_core::config::Compensator;
+use servo_core::fault::Fault;
 use servo_core::measure::Reading;
 use servo_core::parameters::Settings;
 use servo_ident::tuning::{HIGH_PERFORMANCE, STANDARD, Wish};
 use servo_sim::Stage;
 use servoctl::commission::{
-    Event, Failure, Found, Link, Many, Order, Plan, Simulated, Status, Step, Summary, data_sheet, page, run, stages,
+    Event, Failure, Found, Link, Many, Order, Plan, SILENCE_S, Simulated, Status, Step, Summary, data_sheet, page, run,
+    stages,
 };
 use servoctl::link::Capture;
 
@@ -172,26 +174,72 @@ impl Link for Pulled<'_> {
     }
 }
 
-/// With loops closed, on a slow move: nobody can know what the drive does then, and nobody says so.
+/// A drive whose user has this command time-out.
+fn with_time_out(command_timeout_s: f64) -> Simulated {
+    let mut drive = Simulated::new(&steady(), 1).unwrap();
+    let settings = Settings { command_timeout_s, ..*drive.settings() };
+    drive.configure(&settings).unwrap();
+    drive
+}
+
+/// With loops closed, on a slow move: nobody can know what the drive does then, and nobody says so. It turns its bridge off by itself,
+/// whatever command time-out the user has; a shorter one holds.
 #[test]
-fn a_drive_that_is_lost_is_not_said_to_have_its_bridge_off() {
-    let pulled = AtomicBool::new(false);
-    let drive = Simulated::new(&steady(), 1).unwrap();
-    let plan = Plan::new(*drive.settings());
-    let mut link = Pulled { drive, pulled: &pulled };
-    let (mut found, mut at) = (Found::default(), Step::Offsets);
-    let ended = run(&mut link, &plan, &mut found, &NEVER, &mut |event| match event {
-        Event::Begins(step) => at = step,
-        Event::Done(1.., _) if at == Step::Plant => pulled.store(true, Ordering::Relaxed),
-        _ => (),
-    });
-    let (step, failure) = ended.unwrap_err();
-    assert!(link.drive.bridge_is_on() && step == Step::Plant && !failure.bridge_is_off(), "{step:?}: {failure}");
-    let words = failure.to_string();
-    assert_eq!(words, "the line is cut; whether the bridge is off is NOT known: the line is cut");
-    assert_eq!(found.ended, Some((Step::Plant, words.clone())));
-    let report = page::render(&found, "a drive that is lost", Some((step, &failure)));
-    assert!(report.contains(&words) && !report.contains("The bridge is off"));
+fn a_drive_that_is_lost_turns_its_bridge_off_and_is_not_said_to_have_it_off_before() {
+    for (own_s, in_use_s) in [(0.0, SILENCE_S), (60.0, SILENCE_S), (0.4, 0.4)] {
+        let pulled = AtomicBool::new(false);
+        let drive = with_time_out(own_s);
+        let plan = Plan::new(*drive.settings());
+        let mut link = Pulled { drive, pulled: &pulled };
+        let (mut found, mut at) = (Found::default(), Step::Offsets);
+        let ended = run(&mut link, &plan, &mut found, &NEVER, &mut |event| match event {
+            Event::Begins(step) => at = step,
+            Event::Done(1.., _) if at == Step::Plant => pulled.store(true, Ordering::Relaxed),
+            _ => (),
+        });
+        let (step, failure) = ended.unwrap_err();
+        assert!(step == Step::Plant && !failure.bridge_is_off(), "{step:?}: {failure}");
+        let words = failure.to_string();
+        assert_eq!(
+            words,
+            format!(
+                "the line is cut; whether the bridge is off is NOT known: the line is cut; without a word for {in_use_s} s the drive turns \
+                 it off by itself (fault 19); `servoctl params load` then brings back what was saved"
+            )
+        );
+        assert_eq!(found.ended, Some((Step::Plant, words.clone())));
+        let report = page::render(&found, "a drive that is lost", Some((step, &failure)));
+        assert!(report.contains(&words) && !report.contains("The bridge is off"));
+
+        let mut drive = link.drive;
+        drive.pass(in_use_s - 0.1);
+        assert!(drive.bridge_is_on(), "{own_s} s");
+        drive.pass(0.2);
+        assert!(!drive.bridge_is_on() && drive.is_at_rest(), "{own_s} s");
+        assert_eq!(drive.status().unwrap().fault, Some(Fault::CommandTimeout), "{own_s} s");
+    }
+}
+
+/// It is in use only while the steps are done, however they end.
+#[test]
+fn the_user_s_own_command_time_out_is_in_use_at_the_end_and_saved() {
+    for own_s in [0.0, 60.0] {
+        let mut link = with_time_out(own_s);
+        let (found, ended) = up_to(Step::Save, &mut link, STANDARD);
+        assert_eq!(ended, Ok(()));
+        assert_eq!(link.saved.unwrap().command_timeout_s, own_s);
+        assert_eq!((link.settings().command_timeout_s, found.parameters["command_timeout_s"]), (own_s, own_s));
+
+        let mut link = with_time_out(own_s);
+        let (found, ended) = up_to(Step::Plant, &mut link, STANDARD);
+        assert_eq!(ended, Err((Step::Tuning, Failure::Stopped)));
+        assert_eq!((link.settings().command_timeout_s, found.parameters["command_timeout_s"]), (own_s, own_s));
+
+        let mut link = with_time_out(own_s);
+        let refused = commission(&mut link, Step::Tuning, STANDARD, &mut Found::default());
+        assert_eq!(refused, Err((Step::Tuning, Failure::Missing("the plant"))));
+        assert_eq!(link.settings().command_timeout_s, own_s);
+    }
 }
 
 /// In every step with motion: in the middle of it.

@@ -315,6 +315,45 @@ fn a_pulled_cable_is_reported_within_a_second() {
     }
 }
 
+/// A computer that has other things to do, or was asleep: the silence is its own, and the request is sent again.
+#[test]
+fn what_the_computer_has_slept_through_is_no_silence_of_the_line() {
+    for pulled in [false, true] {
+        let (mut line, _) = Line::new(CLEAN, 1);
+        line.pulled = pulled.then_some((line.now, false));
+        let mut client =
+            Client::new(Box::new(Drowsy { line, sleeps: Some(Duration::from_secs(30)) }), Patience::TCP, 1);
+        let reply = client.request(&Request::Enable);
+        match pulled {
+            false => assert!(matches!(reply, Ok(Reply::Done { .. }))),
+            true => assert!(matches!(reply, Err(Error::NoReply { attempts: 3, .. })), "{reply:?}"),
+        }
+    }
+}
+
+/// A line to a computer that sleeps while the first reply comes, and loses it.
+struct Drowsy {
+    line: Line,
+    sleeps: Option<Duration>,
+}
+
+impl Port for Drowsy {
+    fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
+        self.line.send(bytes)
+    }
+
+    fn receive(&mut self, bytes: &mut [u8], until: Instant) -> io::Result<usize> {
+        let Some(time) = self.sleeps.take() else { return self.line.receive(bytes, until) };
+        self.line.to_host.clear();
+        self.line.now = until + time;
+        Ok(0)
+    }
+
+    fn now(&self) -> Instant {
+        self.line.now
+    }
+}
+
 /// A line that the test looks at as well.
 struct Shared(Arc<Mutex<Line>>);
 

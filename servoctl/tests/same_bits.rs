@@ -89,7 +89,7 @@ fn measurements_and_theory_do_so_to_the_last_digit_that_is_written() {
         found,
         [
             "d59c81ba4f51ff2b",
-            "b6439dcdd9f68911",
+            "143004b4ac59443b",
             "4500fca5497dd10b",
             "eae4a9100b3b85cf",
             "8a2a9dd447ec12b9",

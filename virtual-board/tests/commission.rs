@@ -68,6 +68,7 @@ fn commission(name: &str, toml: &str) {
     let stored = session.parameters().unwrap();
     assert_eq!(stored.compensator, f64::from(Compensator::Niasa as u8));
     assert_eq!(stored.niasa_coulomb_n, found.niasa.unwrap().coulomb_n);
+    assert_eq!(stored.command_timeout_s, settings.command_timeout_s);
 }
 
 macro_rules! stages {

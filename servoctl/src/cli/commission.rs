@@ -167,8 +167,9 @@ fn teller() -> impl FnMut(Event) {
 }
 
 fn one(link: &mut dyn Link, plan: &Plan, mut found: Found, caption: &str, options: &Options) -> Result<ExitCode> {
-    let interrupted =
-        interrupt::flag_saying("stopping, then turning the bridge off; Ctrl-C again leaves the drive to itself")?;
+    let interrupted = interrupt::flag_saying(
+        "stopping, then turning the bridge off; Ctrl-C again leaves that to the drive's command time-out",
+    )?;
     let ended = commission(link, plan, &mut found, interrupted, &mut teller()).err();
     if let Some(directory) = options.output.parent() {
         std::fs::create_dir_all(directory).with_context(|| format!("{}: cannot make it", directory.display()))?;

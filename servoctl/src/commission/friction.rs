@@ -5,7 +5,7 @@ use servo_core::measure::Shape;
 use servo_core::parameters::Settings;
 use servo_core::profile::Limits;
 use servo_ident::frf;
-use servo_ident::length_scale::Swing;
+use servo_ident::length_scale::{End, Swing};
 use servo_ident::{Record, dahl, length_scale as scale, maxwell, tuning};
 
 use super::link::{Order, Sample, Session};
@@ -21,8 +21,8 @@ const PLACES: [f64; 3] = [-0.3, 0.0, 0.3];
 const PROFILE_HZ: f32 = 16.0;
 const PERIODS: u32 = 8;
 const END_SHARE: f32 = 0.7;
-/// Motion of a profile in length scales, and its limits, m.
-const SPAN_SCALES: f64 = 2.5;
+/// Motion of a profile in length scales, well inside of where friction rules, and its limits, m.
+const SPAN_SCALES: f64 = 0.5;
 const SPAN_M: [f64; 2] = [1.6e-6, 4e-6];
 /// The amplitude begins here, N, and is raised by this factor until the stage moves far enough.
 const FIRST_N: f32 = 0.2;
@@ -90,14 +90,16 @@ pub fn length_scale(session: &mut Session, found: &mut Found) -> Result<String, 
     let result = scale::find(&swing, closed_loop.half_period_s(), scale::USUAL_FACTOR);
     found.length_scale_m = result.as_ref().ok().map(|length| length.length_m);
     Ok(match result {
-        Ok(length) => format!(
-            "linear down to {:.0} nm, friction rules below {:.0} nm: {} {:.1} ms{}; {linear}",
-            length.linear_from_m * 1e9,
-            length.length_m * 1e9,
-            if length.creeps { "creeping from there takes" } else { "the next extreme comes after" },
-            length.leg_s * 1e3,
-            if length.creeps { " or more" } else { "" }
-        ),
+        Ok(length) => {
+            let leg_ms = length.leg_s * 1e3;
+            let leg = match length.end {
+                End::Untimely => format!("the next extreme comes after {leg_ms:.1} ms"),
+                End::Short => format!("the way from there ends short of the target after {leg_ms:.1} ms"),
+                End::Creeps => format!("creeping from there takes {leg_ms:.1} ms or more"),
+            };
+            let [linear_nm, length_nm] = [length.linear_from_m, length.length_m].map(|m| m * 1e9);
+            format!("linear down to {linear_nm:.0} nm, friction rules below {length_nm:.0} nm: {leg}; {linear}")
+        }
         Err(why) => format!("not seen ({why}); {linear}"),
     })
 }
@@ -110,7 +112,7 @@ pub fn friction(session: &mut Session, found: &mut Found) -> Result<String, Fail
     let half_m = 0.5 * (settings.travel_max_m - settings.travel_min_m);
     let middle_m = 0.5 * (settings.travel_max_m + settings.travel_min_m);
     session.enable()?;
-    found.profiles.clear();
+    let mut profiles = Vec::new();
     for (index, place) in PLACES.into_iter().enumerate() {
         session.done(index, PLACES.len());
         let place_m = middle_m + place * half_m;
@@ -120,9 +122,14 @@ pub fn friction(session: &mut Session, found: &mut Found) -> Result<String, Fail
         let shape = Shape::DecayingSine { amplitude, frequency_hz: PROFILE_HZ, periods: PERIODS, end_share: END_SHARE };
         let length_s = f64::from(PERIODS) / f64::from(PROFILE_HZ);
         let samples = session.capture(&Order::Excite(bounds(&settings).around(shape)), length_s, 1)?;
-        found.profiles.push(fit_profile(&samples, &settings, mass_kg, place_m, f64::from(amplitude))?);
+        profiles.push((place_m, f64::from(amplitude), samples));
         session.wait(0.1)?;
     }
+    session.off()?;
+    found.profiles = profiles
+        .iter()
+        .map(|(place_m, amplitude_n, samples)| fit_profile(samples, &settings, mass_kg, *place_m, *amplitude_n))
+        .collect::<Result<_, _>>()?;
     let median = |of: fn(&ProfileFit) -> f64| {
         let mut values: Vec<f64> = found.profiles.iter().map(of).collect();
         values.sort_by(f64::total_cmp);
@@ -136,7 +143,7 @@ pub fn friction(session: &mut Session, found: &mut Found) -> Result<String, Fail
     let needs_maxwell = 2 * votes > found.profiles.len();
     found.needs_maxwell = Some(needs_maxwell);
     let model = if needs_maxwell { "Maxwell slip fits better" } else { "Dahl's model will do" };
-    Ok(format!("sigma {:.2} N/µm, F_C {coulomb:.3} N; {model}", sigma * 1e-6))
+    Ok(format!("σ {:.2} N/µm, F_C {coulomb:.3} N; {model}", sigma * 1e-6))
 }
 
 /// The amplitude that moves the stage by `span_m`, N: single periods at twice the frequency, raised until they do.

@@ -13,7 +13,7 @@ use servo_core::record::Selection;
 use servo_core::state::State;
 
 use super::{Event, Failure};
-use crate::link::Capture;
+use crate::link::{Capture, Patience};
 
 /// What a drive can be told to do.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -116,17 +116,26 @@ pub trait Link {
 const LOOK_S: f64 = 0.02;
 /// Longest wait for rest, and for the bridge to turn off, when all is to end, s.
 const BRAKE_S: f64 = 1.0;
+/// Time in which a stage comes to rest whose friction gives back what the motor's force held, s.
+const RELEASE_S: f64 = 0.1;
 /// Longest wait for anything, s.
 const PATIENCE_S: f64 = 120.0;
+/// The drive's command time-out at most, s: twice the silence after which this program gives the line up, so that whatever it still asks
+/// for comes in time.
+pub const SILENCE_S: f64 = 2.0 * Patience::SERIAL.silence.as_millis() as f64 * 1e-3;
 
 /// A link in use: every wait looks for faults and for the wish to end.
+///
+/// The drive is asked something every [`LOOK_S`] or so while its bridge is on: what takes long to compute is computed with the bridge off.
 pub struct Session<'a> {
     /// The drive.
     pub link: &'a mut dyn Link,
     /// The wish to end.
     pub stop: &'a AtomicBool,
-    /// Parameters in use.
+    /// Parameters in use, with the user's own command time-out.
     pub settings: Settings,
+    /// The command time-out in use, s: without a word for so long the drive ends by itself what it does; 0: never.
+    pub silence_s: f64,
     /// Is told how far it is.
     pub said: &'a mut dyn FnMut(Event),
 }
@@ -137,13 +146,25 @@ impl Session<'_> {
         (self.said)(Event::Done(done as u32, of as u32));
     }
 
-    /// Puts parameters into use.
+    /// Puts parameters into use, but with a command time-out of [`SILENCE_S`] at most.
     ///
     /// # Errors
     /// As for [`Link::configure`].
     pub fn configure(&mut self, settings: Settings) -> Result<(), Failure> {
-        self.link.configure(&settings)?;
-        self.settings = settings;
+        let own_s = settings.command_timeout_s;
+        let silence_s = if own_s > 0.0 { own_s.min(SILENCE_S) } else { SILENCE_S };
+        self.link.configure(&Settings { command_timeout_s: silence_s, ..settings })?;
+        (self.settings, self.silence_s) = (settings, silence_s);
+        Ok(())
+    }
+
+    /// Puts the user's own command time-out into use; the bridge is off.
+    ///
+    /// # Errors
+    /// As for [`Link::configure`].
+    pub fn leave(&mut self) -> Result<(), Failure> {
+        self.link.configure(&self.settings)?;
+        self.silence_s = self.settings.command_timeout_s;
         Ok(())
     }
 
@@ -236,6 +257,16 @@ impl Session<'_> {
             self.link.wait(LOOK_S)?;
         }
         Ok(())
+    }
+
+    /// Turns the bridge off and waits until it is, and what its force held is at rest.
+    ///
+    /// # Errors
+    /// The drive's refusal, that of the line, a fault; [`Failure::Late`].
+    pub fn off(&mut self) -> Result<(), Failure> {
+        self.link.order(&Order::Disable)?;
+        self.bridge_off()?;
+        self.wait(RELEASE_S)
     }
 
     /// Looks until the bridge is off: up to a second.

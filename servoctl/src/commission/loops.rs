@@ -90,7 +90,8 @@ pub fn alignment(session: &mut Session, found: &mut Found) -> Result<String, Fai
     session.look()?;
     let refused = session.link.order(&Order::Enable);
     if let Err(Failure::Refused(Refusal::NotAligned(_))) = refused {
-        session.settings = session.link.align(session.stop)?;
+        let command_timeout_s = session.settings.command_timeout_s;
+        session.settings = Settings { command_timeout_s, ..session.link.align(session.stop)? };
         session.look()?;
         found.electrical_zero_m = Some(session.settings.commutation_offset_m);
         return Ok(format!("found at {:.3} mm", session.settings.commutation_offset_m * 1e3));

@@ -1,7 +1,8 @@
 //! From an unknown stage to a tuned axis that settles with NIASA, in steps that each say what they found or why they refuse.
 //!
 //! A step is a function over a [`Session`]; what it finds goes into [`Found`], plain data that can be written down and gone on with.
-//! However the steps end, the bridge is turned off; [`Failure::StillOn`] if the drive did not say that it is.
+//! However the steps end, the bridge is turned off; [`Failure::StillOn`] if the drive did not say that it is. A drive that hears nothing any
+//! more turns it off by itself: its command time-out is [`SILENCE_S`] at most while the steps are done, and the user's own afterwards.
 //!
 //! | step | from | to |
 //! |---|---|---|
@@ -42,7 +43,7 @@ use servo_ident::length_scale::Extreme;
 use servo_ident::tuning::{Niasa, Pid, STANDARD, Stability, Wish};
 
 pub use friction::ProfileFit;
-pub use link::{Link, Order, Sample, Session, Status, from_first};
+pub use link::{Link, Order, SILENCE_S, Sample, Session, Status, from_first};
 pub use loops::{CROSSOVER_HZ, PHASE_MARGIN_DEG};
 pub use on_line::OnLine;
 pub use simulated::{Simulated, data_sheet};
@@ -104,12 +105,14 @@ pub enum Failure {
     #[error("{0}")]
     Line(String),
     /// Commissioning ended, and the drive did not say that its bridge is off.
-    #[error("{why}; whether the bridge is off is NOT known: {off}")]
+    #[error("{why}; whether the bridge is off is NOT known: {off}; {}", by_itself(*.silence_s))]
     StillOn {
         /// What ended it.
         why: Box<Failure>,
         /// Why nobody knows.
         off: Box<Failure>,
+        /// The drive's command time-out (s), 0: never.
+        silence_s: f64,
     },
 }
 
@@ -117,6 +120,17 @@ impl Failure {
     /// Whether the bridge is known to be off after it has ended [`run`].
     pub fn bridge_is_off(&self) -> bool {
         !matches!(self, Failure::StillOn { .. })
+    }
+}
+
+/// What a drive does that hears nothing for `silence_s`.
+fn by_itself(silence_s: f64) -> String {
+    if silence_s > 0.0 {
+        format!(
+            "without a word for {silence_s} s the drive turns it off by itself (fault 19); `servoctl params load` then brings back what was saved"
+        )
+    } else {
+        "by itself the drive leaves it as it is: its command_timeout_s is 0".to_owned()
     }
 }
 
@@ -386,7 +400,7 @@ pub fn run(
     stop: &AtomicBool,
     said: &mut dyn FnMut(Event),
 ) -> Result<(), (Step, Failure)> {
-    let mut session = Session { link, stop, settings: plan.settings, said };
+    let mut session = Session { link, stop, settings: plan.settings, silence_s: plan.settings.command_timeout_s, said };
     found.ended = None;
     let result = begin(&mut session, found, plan.from).map_err(|failure| (plan.from, failure)).and_then(|()| {
         for step in Step::ALL.into_iter().filter(|step| *step >= plan.from) {
@@ -404,14 +418,15 @@ pub fn run(
     result
 }
 
-/// Brakes what moves, then turns the bridge off and looks whether it is, even if the drive took neither order; `result` with what came of it.
+/// Brakes what moves, then turns the bridge off and looks whether it is, even if the drive took neither order; then the command time-out is
+/// the user's own again. `result` with what came of it.
 fn end(session: &mut Session, result: Result<(), (Step, Failure)>) -> Result<(), (Step, Failure)> {
     let ordered = [session.brake(), session.link.order(&Order::Disable)];
     let off = session.bridge_off();
     let result = result.and(ordered.into_iter().collect::<Result<(), _>>().map_err(|failure| (Step::Save, failure)));
-    let Err(off) = off else { return result };
+    let Err(off) = off else { return result.and(session.leave().map_err(|failure| (Step::Save, failure))) };
     let (step, why) = result.err().unwrap_or_else(|| (Step::Save, off.clone()));
-    Err((step, Failure::StillOn { why: Box::new(why), off: Box::new(off) }))
+    Err((step, Failure::StillOn { why: Box::new(why), off: Box::new(off), silence_s: session.silence_s }))
 }
 
 /// Takes up what is written down of this drive, without what is to be found again; what is measured is measured without a compensator.
@@ -434,8 +449,8 @@ fn save(session: &mut Session, found: &Found) -> Result<String, Failure> {
     if found.settled.is_none() || found.done.iter().all(|(step, _)| *step != Step::Verification) {
         return Err(Failure::Missing("a verification that was passed"));
     }
-    session.link.order(&Order::Disable)?;
-    session.wait(0.1)?;
+    session.off()?;
+    session.leave()?;
     session.link.save()?;
     Ok("stored".to_owned())
 }

@@ -40,7 +40,8 @@ pub fn render(found: &Found, caption: &str, ended: Option<(Step, &Failure)>) -> 
         (None, None) => "Not verified.".to_owned(),
     };
     let mut report = Report::new("Commissioning", format!("{summary} Commissioned: {caption}."));
-    report.section("Steps").facts(Step::ALL.into_iter().map(|step| (step.purpose(), outcome(found, step, ended))));
+    let facts = Step::ALL.map(|step| (format!("{}: {}", step.name(), step.purpose()), outcome(found, step, ended)));
+    report.section("Steps").facts(facts);
     if !found.plant.is_empty() {
         plant_and_loop(&mut report, found, caption);
     }
@@ -113,8 +114,8 @@ fn plant_and_loop(report: &mut Report, found: &Found, caption: &str) {
         format!("Plant on a slow move, and loop transmission at several amplitudes: {caption}"),
     );
     report.table(margins_table(found, caption)).paragraph(
-        "At small amplitudes friction holds the stage like a spring. Where the gain never falls through 1 there are no margins; the sensitivity \
-         peak is then held to 2.",
+        "The gains are for the plant as it slides; friction adds to the phase margin, and at small amplitudes it holds the stage like a spring. \
+         Where the gain never falls through 1 there are no margins; the sensitivity peak is then held to 2.",
     );
     if let (Some(second_order), Some(gains), Some((amplitude_n, points))) =
         (&found.closed_loop, &found.gains, found.loops.first())
@@ -147,9 +148,14 @@ fn length_scale(report: &mut Report, found: &Found, caption: &str) {
         ])
     });
     report.section("Length scale").paragraph(
-        "As section 5.3 of the thesis has it: as long as the loop is linear its extremes follow each other in the time of the loop of second \
-         order; where the next one comes 1.5 times later, or sooner, friction rules.",
+        "As section 5.3 of the thesis has it: as long as the loop is linear it swings to and fro across the target, in the time of the loop of \
+         second order. The length scale is the distance of the first extreme from which it does not: the next one comes 1.5 times later or \
+         sooner, or short of the target, or not at all.",
     );
+    report.paragraph(found.length_scale_m.map_or_else(
+        || "This step shows none: friction is then identified with the smallest profile.".to_owned(),
+        |m| format!("This step shows {:.0} nm.", m * 1e9),
+    ));
     if let (Some(gains), Some(coulomb_n)) = (&found.gains, found.coulomb_n) {
         report.paragraph(format!(
             "Nearer to the target than F_C/k_P = {:.0} nm the proportional force alone cannot move the stage against its friction: a swing that \
@@ -214,8 +220,11 @@ fn parameter_table(caption: &str, parameters: &[(&String, &f64)]) -> Table {
 }
 
 fn friction_table(found: &Found, caption: &str) -> Table {
-    let header = ["place / mm", "σ / N/µm", "95 %", "F_C / N", "95 %", "Dahl leaves / mN", "slip leaves / mN"];
-    let table = Table::new(format!("Friction found at each place: {caption}"), &header);
+    let header = ["place / mm", "σ / N/µm", "95 %", "F_C / N", "95 %", "Dahl / mN", "slip / mN"];
+    let caption = format!(
+        "Friction found at each place with Dahl's model, and what its fit and that of Maxwell slip leave of the force (rms): {caption}"
+    );
+    let table = Table::new(caption, &header);
     found.profiles.iter().fold(table, |table, fit| {
         let [low, high] = fit.sigma_ci95_n_per_m.map(|v| number(v * 1e-6, 2));
         let [least, most] = fit.coulomb_ci95_n.map(|v| number(v, 3));

@@ -2,6 +2,7 @@
 
 use std::sync::atomic::AtomicBool;
 
+use servo_core::SERVO_DT_S;
 use servo_core::capture::{self, Capture};
 use servo_core::config::Config;
 use servo_core::drive::{self, Command};
@@ -10,7 +11,6 @@ use servo_core::parameters::{Access, Settings, TABLE};
 use servo_core::position::Position;
 use servo_core::record::{TickRecord, flags};
 use servo_core::refusal::Refusal;
-use servo_core::{SERVO_DT_S, SERVO_HZ};
 use servo_host_tests::{FastBench, tuning};
 use servo_sim::Stage;
 
@@ -109,10 +109,15 @@ impl Simulated {
     /// Whether the stage moves less than a micrometre in a tenth of a second.
     pub fn is_at_rest(&mut self) -> bool {
         let from = self.last.position;
-        for _ in 0..SERVO_HZ / 10 {
+        self.pass(0.1);
+        (f64::from(self.last.position.minus(from)) * self.settings.encoder_count_m).abs() < 1e-6
+    }
+
+    /// Lets time pass in which nobody asks anything, s.
+    pub fn pass(&mut self, seconds: f64) {
+        for _ in 0..(seconds / f64::from(SERVO_DT_S)).ceil() as u64 {
             let _ = self.tick(None);
         }
-        (f64::from(self.last.position.minus(from)) * self.settings.encoder_count_m).abs() < 1e-6
     }
 
     fn tick(&mut self, command: Option<Command>) -> drive::Outcome {
@@ -183,10 +188,10 @@ impl Link for Simulated {
         }
     }
 
+    /// Whoever waits has just asked something, which is a sign of life.
     fn wait(&mut self, seconds: f64) -> Result<(), Failure> {
-        for _ in 0..(seconds / f64::from(SERVO_DT_S)).ceil() as u64 {
-            self.tick(None)?;
-        }
+        self.tick(Some(Command::KeepAlive))?;
+        self.pass(seconds - f64::from(SERVO_DT_S));
         Ok(())
     }
 

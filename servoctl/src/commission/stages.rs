@@ -126,7 +126,8 @@ pub fn unsafe_end(link: &mut Simulated, stage: &Stage, found: &Found, refused: b
 fn error_at_rest_m(stage: &Stage, saved: &Settings, seed: u64) -> Result<f64, Failure> {
     let mut link = Simulated::with_parameters(stage, saved, seed)?;
     let stop = AtomicBool::new(false);
-    let mut session = Session { link: &mut link, stop: &stop, settings: *saved, said: &mut |_| () };
+    let silence_s = saved.command_timeout_s;
+    let mut session = Session { link: &mut link, stop: &stop, settings: *saved, silence_s, said: &mut |_| () };
     session.enable()?;
     let limits = Limits { velocity_m_per_s: 0.2, acceleration_m_per_s2: 1.0, jerk_m_per_s3: None };
     let from_m = session.look()?.position_m;

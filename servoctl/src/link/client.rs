@@ -149,10 +149,13 @@ impl Client {
     /// Takes what the line holds: blocks of the stream are kept, replies to earlier requests are dropped.
     fn listen(&mut self, id: Option<u32>, until: Instant) -> Result<Option<Reply>, Error> {
         let mut bytes = [0; 4096];
+        let waits_until = until.max(self.port.now());
         let received = self.port.receive(&mut bytes, until).map_err(Error::Broken)?;
-        if received > 0 {
-            self.heard = self.port.now();
-        }
+        self.heard = match received {
+            // What this computer has slept through is no silence of the line.
+            0 => self.heard + self.port.now().saturating_duration_since(waits_until),
+            _ => self.port.now(),
+        };
         let mut found = None;
         for byte in &bytes[..received] {
             match self.collector.push::<Reply>(*byte) {

@@ -1,4 +1,5 @@
-//! The 100 µm step of section 5.3: where the stage ceases to be linear, found from the times between the extremes of its swing.
+//! The 100 µm step of section 5.3: where the stage ceases to be linear, found from the extremes of its swing as `servoctl commission` finds it;
+//! the linear loop beside it is the same drive on the same mass without friction, where commissioning has the fit of 5.2.
 
 use std::sync::atomic::Ordering;
 
@@ -13,6 +14,7 @@ use servo_core::refusal::Refusal;
 use servo_core::state::State;
 use servo_host_tests::FastBench;
 use servo_host_tests::tuning::{self, STANDARD};
+use servo_ident::length_scale::{self, End, Swing, USUAL_FACTOR};
 use servo_sim::Stage;
 
 use super::campaign::Watch;
@@ -32,10 +34,6 @@ const RECORD_S: f64 = 1.0;
 const APPROACH_M: f64 = 0.5e-3;
 /// Time after it, s.
 const APPROACH_DWELL_S: f64 = 2.0;
-/// Way back that makes an extreme, in units of the encoder's rms noise, and at least two counts.
-const HYSTERESIS: f64 = 10.0;
-/// A leg that takes longer than the linear one by this factor is no longer linear: the procedure's one parameter.
-const SLOW: f64 = 1.5;
 /// Friction of the linear stage, as a share of the stage's.
 const LINEAR_SHARE: f64 = 1e-4;
 
@@ -43,6 +41,8 @@ const LINEAR_SHARE: f64 = 1e-4;
 const LESS: [f64; 5] = [1.0, 0.5, 0.25, 0.15, 0.08];
 /// Extremes that are shown of those.
 const SHOWN: usize = 5;
+/// Extremes that are shown of the stage's, and of the linear one's.
+const LISTED: usize = 8;
 
 /// Moves with friction of their own if nothing else is asked for.
 pub const MOVES: u64 = 50;
@@ -63,10 +63,11 @@ pub struct Step100Um {
     /// Whether all of them were made.
     pub complete: bool,
     /// The step on the stage as it stands in its file.
-    pub stage: Swing,
+    pub stage: Step,
     /// The same drive on the same mass with next to no friction: what the linear approximation predicts.
-    pub linear: Swing,
-    /// Median time between extremes of the linear stage (ms); `None` if it does not swing, and then nothing is found.
+    pub linear: Step,
+    /// Time between the first extremes of the linear stage (ms), the farthest from noise; `None` if it does not swing, and then nothing is
+    /// found.
     pub linear_leg_ms: Option<f64>,
     /// F_C/k_P: nearer to the target the proportional force alone cannot overcome friction (nm).
     pub stuck_within_nm: f64,
@@ -93,33 +94,31 @@ pub struct LessFriction {
     pub extreme_nm: Vec<f64>,
 }
 
-/// A step and the extremes of its swing.
+/// A step and its swing.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Swing {
+pub struct Step {
     /// Time since the profile began (ms), one value per tick.
     pub time_ms: Vec<f64>,
     /// Measured position − target (nm).
     pub error_nm: Vec<f64>,
-    /// When the extremes are (ms).
-    pub extreme_ms: Vec<f64>,
-    /// And how far from the target (nm).
-    pub extreme_nm: Vec<f64>,
-    /// When it last comes within the hysteresis of the target (ms); `None` if it does not in the time recorded.
-    pub settled_ms: Option<f64>,
+    /// Its extremes.
+    pub swing: Swing,
 }
 
-/// Where the stage ceases to be linear.
+/// Where the stage ceases to be linear, as [`length_scale::find`] has it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Finding {
-    /// Distance from the target at which the last leg of linear length begins (nm); `None` if there is none.
-    pub linear_down_to_nm: Option<f64>,
-    /// Distance from the target at which the first slow leg begins: the length scale of pre-rolling (nm).
+    /// Distance from the target at which the last linear leg begins (nm).
+    pub linear_down_to_nm: f64,
+    /// Distance from the target at which the first other one begins: the length scale of pre-rolling (nm).
     pub length_scale_nm: f64,
-    /// How long the first slow leg takes, to the next extreme or, if none follows, to the target (ms).
-    pub slow_leg_ms: f64,
-    /// Whether no extreme follows: the stage creeps to the target.
-    pub creeps: bool,
-    /// How long the leg after it takes (ms); `None` if the stage creeps.
+    /// The extreme that it begins at, from 0.
+    pub extreme: usize,
+    /// How long this leg takes, to the next extreme or, if none follows, to the target (ms).
+    pub leg_ms: f64,
+    /// How it is not the linear loop's.
+    pub end: End,
+    /// How long the leg after it takes (ms); `None` if no extreme follows.
     pub next_leg_ms: Option<f64>,
 }
 
@@ -135,16 +134,16 @@ pub fn run(stage: &Stage, moves: u64, seed: u64, watch: Watch) -> Result<Step100
     free.friction.static_n = None;
     let mut nominal = *stage;
     nominal.friction.spread = None;
-    let swing = swing(&nominal, &settings, seed, 0)?;
-    let linear = self::swing(&free, &settings, seed, 0)?;
-    let linear_leg_ms = median(legs(&linear));
+    let made = step(&nominal, &settings, seed, 0)?;
+    let linear = step(&free, &settings, seed, 0)?;
+    let linear_leg_ms = linear.swing.legs_s().next().map(|s| s * 1e3);
     let redrawn: Vec<Option<Option<Finding>>> = (0..moves)
         .into_par_iter()
         .map(|index| {
             if watch.stop.load(Ordering::Relaxed) {
                 return Ok(None);
             }
-            let found = finding(&self::swing(stage, &settings, seed, index)?, linear_leg_ms);
+            let found = finding(&step(stage, &settings, seed, index)?, linear_leg_ms);
             (watch.finished)(1);
             Ok(Some(found))
         })
@@ -154,8 +153,8 @@ pub fn run(stage: &Stage, moves: u64, seed: u64, watch: Watch) -> Result<Step100
         stage.friction.coulomb_n *= share;
         stage.friction.static_n = stage.friction.static_n.map(|static_n| share * static_n);
         let coulomb_n = stage.friction.coulomb_n;
-        let mut extreme_nm = self::swing(&stage, &settings, seed, 0)?.extreme_nm;
-        extreme_nm.truncate(SHOWN);
+        let swing = step(&stage, &settings, seed, 0)?.swing;
+        let extreme_nm = swing.extremes.iter().take(SHOWN).map(|extreme| round_to(extreme.error_m * 1e9, 1)).collect();
         let stuck_within_nm = round_to(coulomb_n / gains(&settings).kp_n_per_m * 1e9, 1);
         Ok(LessFriction { coulomb_n: round_to(coulomb_n, 4), stuck_within_nm, extreme_nm })
     };
@@ -168,9 +167,9 @@ pub fn run(stage: &Stage, moves: u64, seed: u64, watch: Watch) -> Result<Step100
         seed,
         moves_requested: moves,
         complete: redrawn.len() as u64 == moves,
-        finding: finding(&swing, linear_leg_ms),
+        finding: finding(&made, linear_leg_ms),
         linear_finding: finding(&linear, linear_leg_ms),
-        stage: swing,
+        stage: made,
         linear,
         linear_leg_ms: linear_leg_ms.map(|ms| round_to(ms, 3)),
         stuck_within_nm: round_to(stage.friction.coulomb_n / gains(&settings).kp_n_per_m * 1e9, 1),
@@ -181,7 +180,7 @@ pub fn run(stage: &Stage, moves: u64, seed: u64, watch: Watch) -> Result<Step100
 }
 
 /// The step, after a move that leaves the guides rolling.
-fn swing(stage: &Stage, settings: &Settings, seed: u64, index: u64) -> Result<Swing, Refusal> {
+fn step(stage: &Stage, settings: &Settings, seed: u64, index: u64) -> Result<Step, Refusal> {
     let ticks = |s: f64| (s * f64::from(SERVO_HZ)).round() as usize;
     let count_nm = settings.encoder_count_m * 1e9;
     let at = |m: f64| Position((m / settings.encoder_count_m).round() as i64);
@@ -207,59 +206,25 @@ fn swing(stage: &Stage, settings: &Settings, seed: u64, index: u64) -> Result<Sw
         }
         error_nm.push(round_to((record.position.0 - target.0) as f64 * count_nm, 3));
     }
-    let tick_ms = 1e3 / f64::from(SERVO_HZ);
-    let hysteresis_nm = (HYSTERESIS * stage.encoder.noise_m_rms * 1e9).max(2.0 * count_nm);
-    let extremes = extremes(&error_nm, hysteresis_nm);
-    let settled = error_nm.iter().rposition(|e| e.abs() > hysteresis_nm).map(|last| last + 1);
-    Ok(Swing {
-        time_ms: (0..error_nm.len()).map(|i| i as f64 * tick_ms).collect(),
-        extreme_ms: extremes.iter().map(|i| *i as f64 * tick_ms).collect(),
-        extreme_nm: extremes.iter().map(|i| error_nm[*i]).collect(),
-        settled_ms: settled.filter(|i| *i < error_nm.len()).map(|i| i as f64 * tick_ms),
-        error_nm,
-    })
+    let time_ms: Vec<f64> = (0..error_nm.len()).map(|i| i as f64 * 1e3 / f64::from(SERVO_HZ)).collect();
+    let [time_s, error_m] =
+        [(&time_ms, 1e-3), (&error_nm, 1e-9)].map(|(v, unit)| v.iter().map(|v| v * unit).collect::<Vec<_>>());
+    let swing = Swing::of(&time_s, &error_m, 0.0).expect("finite positions in ticks that follow each other");
+    Ok(Step { time_ms, error_nm, swing })
 }
 
-/// Indices of maxima and minima in turn, beginning with a maximum: each at least `hysteresis` beyond what follows it.
-fn extremes(values: &[f64], hysteresis: f64) -> Vec<usize> {
-    let (mut found, mut best, mut upwards) = (Vec::new(), 0, true);
-    for (i, value) in values.iter().enumerate() {
-        let ahead = if upwards { value - values[best] } else { values[best] - value };
-        if ahead >= 0.0 {
-            best = i;
-        } else if -ahead >= hysteresis {
-            found.push(best);
-            (best, upwards) = (i, !upwards);
-        }
-    }
-    found
-}
-
-/// Times between the extremes, ms.
-fn legs(swing: &Swing) -> Vec<f64> {
-    swing.extreme_ms.windows(2).map(|pair| pair[1] - pair[0]).collect()
-}
-
-fn median(mut values: Vec<f64>) -> Option<f64> {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied()
-}
-
-/// The first leg that takes longer than a linear one, the last way to the target among them.
-fn finding(swing: &Swing, linear_leg_ms: Option<f64>) -> Option<Finding> {
-    let slow_ms = SLOW * linear_leg_ms?;
-    let mut legs = legs(swing);
-    let reversals = legs.len();
-    // The last extreme may lie within the hysteresis of the target, or so near that nothing is left to go.
-    legs.extend(swing.settled_ms.zip(swing.extreme_ms.last()).map(|(end, last)| (end - last).max(0.0)));
-    let slow = legs.iter().position(|ms| *ms > slow_ms)?;
-    let distance_nm = |extreme: usize| swing.extreme_nm[extreme].abs();
+/// Where the swing ceases to be that of the linear loop.
+fn finding(step: &Step, linear_leg_ms: Option<f64>) -> Option<Finding> {
+    let found = length_scale::find(&step.swing, linear_leg_ms? * 1e-3, USUAL_FACTOR).ok()?;
+    let nm = |m: f64| round_to(m * 1e9, 1);
+    let ms = |s: f64| round_to(s * 1e3, 3);
     Some(Finding {
-        linear_down_to_nm: slow.checked_sub(1).map(distance_nm),
-        length_scale_nm: distance_nm(slow),
-        slow_leg_ms: round_to(legs[slow], 3),
-        creeps: slow == reversals,
-        next_leg_ms: legs.get(slow + 1).map(|ms| round_to(*ms, 3)),
+        linear_down_to_nm: nm(found.linear_from_m),
+        length_scale_nm: nm(found.length_m),
+        extreme: found.at,
+        leg_ms: ms(found.leg_s),
+        end: found.end,
+        next_leg_ms: step.swing.legs_s().nth(found.at + 1).map(ms),
     })
 }
 
@@ -290,12 +255,20 @@ impl Step100Um {
             "from target / nm",
             "since last / ms",
         ];
-        let rows = self.stage.extreme_ms.len().max(self.linear.extreme_ms.len().min(8));
+        let swings = [&self.stage.swing, &self.linear.swing];
+        let rows = swings.map(|swing| swing.extremes.len()).into_iter().max().unwrap_or(0).min(LISTED);
         (0..rows).fold(Table::new(caption, &header), |table, i| {
-            let cells = [&self.stage, &self.linear].into_iter().flat_map(|swing| {
-                let cell = |value: Option<f64>, decimals| value.map_or(MISSING.to_owned(), |v| number(v, decimals));
-                let leg = i.checked_sub(1).and_then(|before| legs(swing).get(before).copied());
-                [cell(swing.extreme_ms.get(i).copied(), 1), cell(swing.extreme_nm.get(i).copied(), 0), cell(leg, 1)]
+            let cells = swings.into_iter().flat_map(|swing| {
+                let cell = |value: Option<f64>, unit, decimals| {
+                    value.map_or(MISSING.to_owned(), |v| number(v / unit, decimals))
+                };
+                let extreme = swing.extremes.get(i);
+                let leg_s = i.checked_sub(1).and_then(|before| swing.legs_s().nth(before));
+                [
+                    cell(extreme.map(|e| e.time_s), 1e-3, 1),
+                    cell(extreme.map(|e| e.error_m), 1e-9, 0),
+                    cell(leg_s, 1e-3, 1),
+                ]
             });
             table.row(std::iter::once((i + 1).to_string()).chain(cells))
         })
@@ -318,10 +291,10 @@ impl Step100Um {
     /// The length scale beside the thesis'.
     pub fn finding_table(&self) -> Table {
         let caption = format!(
-            "Length scale of pre-rolling: where the first leg begins that takes {SLOW} times as long as the linear one of {} ms, to \
-             the next extreme or, if the stage creeps, to the target; thesis, the stage as in its file, the same without friction, \
-             and {} steps with friction drawn for each (median, least, largest). F_C/k_P is {} nm: a swing that cannot reach \
-             farther than that ends there, and the integrator creeps the rest",
+            "Length scale of pre-rolling: where the first leg begins that is not the linear loop's, because it takes {USUAL_FACTOR} times \
+             as long as its {} ms or that many times less, or ends short of the target; a stage that creeps turns no more, and its leg ends \
+             at the target. Thesis, the stage as in its file, the same without friction, and {} steps with friction drawn for each (median, \
+             least, largest). F_C/k_P is {} nm: a swing that cannot reach farther than that ends there, and the integrator creeps the rest",
             self.linear_leg_ms.map_or(MISSING.to_owned(), |ms| number(ms, 1)),
             self.redrawn.len(),
             number(self.stuck_within_nm, 0)
@@ -343,47 +316,9 @@ impl Step100Um {
             ]
         };
         Table::new(caption, &header)
-            .row(row("linear down to / nm", "3810", |f| f.linear_down_to_nm, 0))
+            .row(row("linear down to / nm", "3810", |f| Some(f.linear_down_to_nm), 0))
             .row(row("length scale / nm", "637 (≈ 600)", |f| Some(f.length_scale_nm), 0))
-            .row(row("first slow leg / ms", "23", |f| Some(f.slow_leg_ms), 1))
+            .row(row("leg from there / ms", "23", |f| Some(f.leg_ms), 1))
             .row(row("leg after it / ms", "67", |f| f.next_leg_ms, 1))
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn extremes_are_found_in_turn_and_ripple_is_none() {
-        let values = [-9.0, 5.0, 4.9, 5.1, -3.0, -2.9, -3.1, 1.0, 0.9, 0.95];
-        assert_eq!(extremes(&values, 0.5), [3, 6]);
-        assert_eq!(extremes(&values, 0.05), [1, 2, 3, 4, 5, 6, 7]);
-        assert!(extremes(&[], 1.0).is_empty());
-    }
-
-    #[test]
-    fn the_numbers_of_figure_18_give_the_length_scale_of_the_thesis() {
-        let swing = Swing {
-            time_ms: vec![],
-            error_nm: vec![],
-            extreme_ms: vec![8.0, 16.0, 24.0, 32.0, 55.0, 122.0],
-            extreme_nm: vec![40e3, -13e3, 3810.0, -637.0, 115.0, 19.0],
-            settled_ms: Some(150.0),
-        };
-        let expected = Finding {
-            linear_down_to_nm: Some(3810.0),
-            length_scale_nm: 637.0,
-            slow_leg_ms: 23.0,
-            creeps: false,
-            next_leg_ms: Some(67.0),
-        };
-        assert_eq!(finding(&swing, Some(8.0)), Some(expected));
-        let linear = Swing { extreme_ms: vec![8.0, 16.0, 24.0], settled_ms: Some(30.0), ..swing };
-        assert_eq!(finding(&linear, Some(8.0)), None);
-        assert_eq!(finding(&linear, None), None, "nothing to compare with");
-        let creeping = finding(&Swing { settled_ms: Some(90.0), ..linear }, Some(8.0)).unwrap();
-        assert!(creeping.creeps && creeping.slow_leg_ms == 66.0 && creeping.length_scale_nm == 3810.0);
-        assert_eq!(creeping.linear_down_to_nm, Some(13e3));
     }
 }

@@ -2,6 +2,7 @@
 
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, Ordering};
 use std::thread::{self, JoinHandle};
@@ -9,7 +10,9 @@ use std::time::{Duration, Instant};
 
 use serialport::{SerialPort, TTYPort};
 
-use crate::{at, done_by, fault_within, first_line, json, json_by, refused_by, under_way};
+use crate::{
+    at, done, done_by, fault_within, first_line, json, json_by, refused_by, spoken_up_to, status_once, under_way,
+};
 
 /// What the program has in front of it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -180,4 +183,24 @@ pub fn a_pulled_cable_is_reported_within_a_second_and_ends_the_move(drive: &str)
         json("faults clear");
     }
     json("params set command_timeout_s 0");
+}
+
+/// A new drive has no command time-out; while it is commissioned it has one.
+pub fn a_pulled_cable_ends_a_commissioning_on_the_drive_too(drive: &str, report: &Path) {
+    assert_eq!(json("params get command_timeout_s")["command_timeout_s"], 0.0);
+    let mut cable = Cable::new(Kind::Tcp, drive);
+    let words = format!("commission --output {}", report.display());
+    let (mut child, mut lines, _) = spoken_up_to("plant: 10 %", at(&cable.address, &words));
+    cable.pull(Cut::Silent);
+    assert_eq!(child.wait().unwrap().code(), Some(1));
+    let said: String = lines.by_ref().map_while(Result::ok).collect();
+    for part in ["whether the bridge is off is NOT known", "for 1.5 s the drive turns it off by itself (fault 19)"] {
+        assert!(said.contains(part) && std::fs::read_to_string(report).unwrap().contains(part), "{said}");
+    }
+    drop(cable);
+    fault_within(19);
+    status_once(|status| status["state"] == "Fault" && status["moving"] == false);
+    done("faults clear");
+    done("params load");
+    assert_eq!(json("params get command_timeout_s")["command_timeout_s"], 0.0);
 }

@@ -7,7 +7,7 @@ mod cable;
 mod sine_cosine;
 mod typed;
 
-use std::io::{BufRead, BufReader, Read};
+use std::io::{BufRead, BufReader, Lines, Read};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::thread;
@@ -161,6 +161,7 @@ fn from_the_first_move_to_a_pulled_cable() {
     a_fault_is_explained_and_its_ticks_computed_again(&directory.path().join("black-box.csv"));
     a_host_that_dies_in_mid_move_ends_it();
     cable::a_pulled_cable_is_reported_within_a_second_and_ends_the_move(&drive);
+    cable::a_pulled_cable_ends_a_commissioning_on_the_drive_too(&drive, &directory.path().join("pulled.html"));
     typed::a_killed_drive_is_not_in_the_way(directory.path());
     sine_cosine::an_encoder_without_sine_and_cosine_is_not_calibrated();
     done("virtual --stop");
@@ -258,31 +259,31 @@ fn a_profile_is_recorded_and_fitted(file: &Path) {
     assert!(told["samples"] == 160 && told["moved_m"].as_f64().unwrap() > 1e-6, "{told}");
 }
 
-/// The line of a commissioning that begins with `step`.
-fn commissioning_at(step: &str, words: &str) -> (Child, String) {
-    let mut child = command(words).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+/// What says on standard error how far it is, up to the line that begins with `until`; what it will say, and what it has said.
+fn spoken_up_to(until: &str, mut command: Command) -> (Child, Lines<BufReader<impl Read>>, String) {
+    let mut child = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
     let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
     let mut said = String::new();
-    for line in lines.by_ref() {
-        let line = line.unwrap();
+    let begun = lines.by_ref().map_while(Result::ok).any(|line| {
         said += &format!("{line}\n");
-        if line.starts_with(step) {
-            break;
-        }
-    }
-    interrupt(&child);
-    lines.for_each(|line| said += &format!("{}\n", line.unwrap()));
-    (child, said)
+        line.starts_with(until)
+    });
+    assert!(begun, "{command:?} ended before {until}: {said}");
+    (child, lines, said)
 }
 
 fn ctrl_c_ends_a_commissioning_which_goes_on_from_any_step(report: &Path) {
     for (words, step, not) in [("", "plant: 20 %", "refused"), ("--from plant", "plant: 10 %", "safety:")] {
-        let (mut child, said) = commissioning_at(step, &format!("commission --output {} {words}", report.display()));
+        let words = format!("commission --output {} {words}", report.display());
+        let (mut child, lines, mut said) = spoken_up_to(step, command(&words));
+        interrupt(&child);
+        lines.for_each(|line| said += &format!("{}\n", line.unwrap()));
         assert_eq!(child.wait().unwrap().code(), Some(130), "{said}");
         assert!(said.contains("ended by the user; the bridge is off. `--from plant` goes on"), "{said}");
         assert!(!said.contains(not), "{said}");
         status_once(|status| status["state"] == "Switch on disabled" && status["moving"] == false);
         assert!(std::fs::read_to_string(report).unwrap().contains("Ended at plant: ended by the user"));
+        assert_eq!(json("params get command_timeout_s")["command_timeout_s"], 0.0);
     }
     let noise_m = std::fs::read_to_string(report.with_extension("json")).unwrap();
     assert!(serde_json::from_str::<Value>(&noise_m).unwrap()["noise_m"].is_f64(), "kept from the first run: {noise_m}");

@@ -146,7 +146,8 @@ pub fn run(link: &Link, options: &Options) -> Result<ExitCode> {
             *before = done;
         }
     };
-    let mut session = Session { link: &mut on_line, stop: interrupted, settings, said: &mut said };
+    let silence_s = settings.command_timeout_s;
+    let mut session = Session { link: &mut on_line, stop: interrupted, settings, silence_s, said: &mut said };
     let measured = match options {
         Options::Loop(options) => measure_loop(&mut session, options),
         Options::Profile(options) => {

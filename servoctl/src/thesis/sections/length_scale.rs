@@ -2,14 +2,16 @@
 
 use crate::plot::{Axis, Plot, Series};
 use crate::reproduce::outcome::ORIGIN;
-use crate::reproduce::step_100um::{Finding, Step100Um, Swing};
+use servo_ident::length_scale::End;
+
+use crate::reproduce::step_100um::{Finding, Step, Step100Um};
 use crate::reproduce::words::plant;
 use crate::table::{MISSING, number};
 use crate::thesis::section::Section;
 use crate::thesis::targets::Target;
 use crate::thesis::verdict::{Check, Verdict, judge};
 
-/// Times between extremes in the thesis (ms): linear, first slow leg, the one after.
+/// Times between extremes in the thesis (ms): linear, the first that is not, the one after.
 const LEGS_MS: [f64; 3] = [8.0, 23.0, 67.0];
 /// How far "about every 8 ms" may be off (ms).
 const ABOUT_MS: f64 = 1.0;
@@ -17,7 +19,7 @@ const ABOUT_MS: f64 = 1.0;
 const SCALE_NM: f64 = 600.0;
 /// See [`SCALE_NM`].
 const LINEAR_NM: f64 = 3810.0;
-/// Distances and slow legs depend on the friction of one move: they may differ by this factor.
+/// Distances and such legs depend on the friction of one move: they may differ by this factor.
 const FACTOR: f64 = 2.0;
 
 /// The section.
@@ -27,15 +29,19 @@ pub fn section(step: &Step100Um) -> Section {
     let legs = format!(
         "{} ms; {} ms from ±{} nm{}; then {}",
         shown(step.linear_leg_ms, 1),
-        shown(found.map(|f| f.slow_leg_ms), 1),
+        shown(found.map(|f| f.leg_ms), 1),
         shown(found.map(|f| f.length_scale_nm), 0),
-        if found.is_some_and(|f| f.creeps) { ", to the target" } else { "" },
+        match found.map(|f| f.end) {
+            Some(End::Creeps) => ", to the target",
+            Some(End::Short) => ", short of the target",
+            _ => "",
+        },
         found.and_then(|f| f.next_leg_ms).map_or("no further extreme".to_owned(), |ms| format!("{} ms", number(ms, 1))),
     );
     let scale = format!(
         "{} nm; linear down to {} µm; {}",
         shown(found.map(|f| f.length_scale_nm), 0),
-        shown(found.and_then(|f| f.linear_down_to_nm).map(|nm| nm * 1e-3), 2),
+        shown(found.map(|f| f.linear_down_to_nm * 1e-3), 2),
         spread(step)
     );
     let conditions = [
@@ -69,16 +75,16 @@ fn legs_verdict(step: &Step100Um) -> Verdict {
     let linear = (LEGS_MS[0] - ABOUT_MS, LEGS_MS[0] + ABOUT_MS);
     judge(&[
         Check::within("linear leg", step.linear_leg_ms, linear, 1, "ms"),
-        Check::within("first slow leg", found.map(|f| f.slow_leg_ms), factor_of(LEGS_MS[1]), 1, "ms"),
+        Check::within("leg from the length scale", found.map(|f| f.leg_ms), factor_of(LEGS_MS[1]), 1, "ms"),
         Check::within("leg after it", found.and_then(|f| f.next_leg_ms), factor_of(LEGS_MS[2]), 1, "ms"),
     ])
-    .because(match found.filter(|f| f.creeps) {
+    .because(match found.filter(|f| f.end != End::Untimely) {
         None => String::new(),
         Some(f) => format!(
-            "Nearer than F_C/k_P = {} nm the proportional force alone cannot overcome friction: from {} nm on the stage creeps to the \
-             target and turns no more",
+            "Nearer than F_C/k_P = {} nm the proportional force alone cannot overcome friction: from {} nm on the stage {}",
             number(step.stuck_within_nm, 0),
-            number(f.length_scale_nm, 0)
+            number(f.length_scale_nm, 0),
+            if f.end == End::Creeps { "creeps to the target and turns no more" } else { "comes to a stop short of the target" }
         ),
     })
 }
@@ -86,15 +92,16 @@ fn legs_verdict(step: &Step100Um) -> Verdict {
 fn scale_checks(found: Option<&Finding>) -> [Check; 2] {
     [
         Check::within("length scale", found.map(|f| f.length_scale_nm), factor_of(SCALE_NM), 0, "nm"),
-        Check::within("linear down to", found.and_then(|f| f.linear_down_to_nm), factor_of(LINEAR_NM), 0, "nm"),
+        Check::within("linear down to", found.map(|f| f.linear_down_to_nm), factor_of(LINEAR_NM), 0, "nm"),
     ]
 }
 
 /// Why the length scale is another one than in the thesis: where a stage that creeps begins to, and with how much friction it would not.
 fn why_longer(step: &Step100Um) -> String {
-    let Some(found) = step.finding.as_ref().filter(|f| f.creeps) else { return String::new() };
-    let next = step.stage.extreme_nm.len();
-    let half_nm = 0.5 * step.linear.extreme_nm.get(next).map_or(f64::INFINITY, |nm| nm.abs());
+    let Some(found) = step.finding.as_ref().filter(|f| f.end != End::Untimely) else { return String::new() };
+    let next = found.extreme + 1;
+    let linear_nm = step.linear.swing.extremes.get(next).map(|extreme| (extreme.error_m * 1e9).abs());
+    let half_nm = 0.5 * linear_nm.unwrap_or(f64::INFINITY);
     let swings = step.by_friction.iter().find(|less| less.extreme_nm.get(next).is_some_and(|nm| nm.abs() > half_nm));
     let less = swings.map_or(String::new(), |less| {
         let extremes: Vec<String> = less.extreme_nm.iter().map(|nm| number(*nm, 0)).collect();
@@ -107,11 +114,12 @@ fn why_longer(step: &Step100Um) -> String {
         )
     });
     format!(
-        "The procedure takes the extreme from which the first slow leg begins. Friction takes about F_C/k_P = {} nm off every swing: the one \
-         after {} nm, which would go {} nm beyond the target without friction, ends before it, and the integrator creeps from there{less}",
+        "The procedure takes the extreme from which the first leg begins that is not the linear loop's. Friction takes about \
+         F_C/k_P = {} nm off every swing: the one after {} nm, which would go {} nm beyond the target without friction, ends before it, and \
+         the integrator creeps from there{less}",
         number(step.stuck_within_nm, 0),
         number(found.length_scale_nm, 0),
-        step.linear.extreme_nm.get(next).map_or(MISSING.to_owned(), |nm| number(nm.abs(), 0)),
+        linear_nm.map_or(MISSING.to_owned(), |nm| number(nm, 0)),
     )
 }
 
@@ -135,9 +143,8 @@ fn swings(step: &Step100Um, end_ms: f64, (low, high): (f64, f64), per_nm: f64) -
     let unit = if per_nm < 1.0 { "µm" } else { "nm" };
     let x = Axis::linear("time / ms").range(0.0, end_ms);
     let y = Axis::linear(format!("position − target / {unit}")).range(low * per_nm, high * per_nm);
-    let line = |swing: &Swing| {
-        swing.time_ms.iter().copied().zip(swing.error_nm.iter().map(|nm| nm * per_nm)).collect::<Vec<_>>()
-    };
+    let line =
+        |step: &Step| step.time_ms.iter().copied().zip(step.error_nm.iter().map(|nm| nm * per_nm)).collect::<Vec<_>>();
     Plot::new("A 100 µm step", x, y)
         .series(Series::new("without friction", 5).line(line(&step.linear)))
         .series(Series::new("stage", 0).line(line(&step.stage)))
@@ -147,11 +154,12 @@ fn swings(step: &Step100Um, end_ms: f64, (low, high): (f64, f64), per_nm: f64) -
 mod tests {
     use super::*;
     use crate::thesis::verdict::Outcome;
+    use servo_ident::length_scale::Swing;
     use servo_sim::Stage;
 
     fn step(finding: Option<Finding>) -> Step100Um {
-        let swing =
-            Swing { time_ms: vec![], error_nm: vec![], extreme_ms: vec![], extreme_nm: vec![], settled_ms: None };
+        let swing = Swing { extremes: vec![], settled_s: 1.0 };
+        let made = Step { time_ms: vec![], error_nm: vec![], swing };
         Step100Um {
             experiment: "",
             thesis_section: "",
@@ -159,8 +167,8 @@ mod tests {
             seed: 1,
             moves_requested: 0,
             complete: true,
-            stage: swing.clone(),
-            linear: swing,
+            stage: made.clone(),
+            linear: made,
             linear_leg_ms: Some(8.1),
             stuck_within_nm: 1474.0,
             finding,
@@ -174,16 +182,17 @@ mod tests {
     #[test]
     fn the_thesis_own_numbers_are_reproduced_and_a_creeping_stage_is_in_part() {
         let thesis = Finding {
-            linear_down_to_nm: Some(3810.0),
+            linear_down_to_nm: 3810.0,
             length_scale_nm: 637.0,
-            slow_leg_ms: 23.0,
-            creeps: false,
+            extreme: 3,
+            leg_ms: 23.0,
+            end: End::Untimely,
             next_leg_ms: Some(67.0),
         };
         let outcomes =
             |step: &Step100Um| section(step).findings.into_iter().map(|f| f.verdict.outcome).collect::<Vec<_>>();
         assert_eq!(outcomes(&step(Some(thesis.clone()))), [Outcome::Reproduced; 2]);
-        let creeping = step(Some(Finding { creeps: true, next_leg_ms: None, ..thesis }));
+        let creeping = step(Some(Finding { end: End::Creeps, next_leg_ms: None, ..thesis }));
         assert_eq!(outcomes(&creeping), [Outcome::Partly, Outcome::Reproduced]);
         assert!(legs_verdict(&creeping).why().contains("creeps to the target"));
         assert_eq!(outcomes(&step(None)), [Outcome::Partly, Outcome::NotReproduced]);
