@@ -107,10 +107,11 @@ pub async fn run(mut rx: LinkReceiver, mut commands: Commands) {
         for byte in &bytes[..received] {
             let incoming = server.push(*byte);
             commands.latest.unreadable_frames.set(server.unreadable());
+            let Some(incoming) = incoming else { continue };
+            commands.hear().await;
             let (id, reply, restart) = match incoming {
-                None => continue,
-                Some(Incoming::Repeated { id, reply }) => (id, reply, false),
-                Some(Incoming::Fresh { id, request }) => {
+                Incoming::Repeated { id, reply } => (id, reply, false),
+                Incoming::Fresh { id, request } => {
                     let restart = matches!(request, Request::Restart);
                     let reply = commands.handle(id, request).await;
                     server.answered(id, &reply);
@@ -134,7 +135,6 @@ impl Commands {
     async fn handle(&mut self, id: u32, request: Request) -> Reply {
         self.tell_of_save().await;
         self.take_commutation();
-        self.hear().await;
         let outcome = match request {
             Request::Identity => return Reply::Identity(self.identity.clone()),
             Request::Status => return Reply::Status(self.status()),

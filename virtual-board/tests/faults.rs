@@ -11,6 +11,7 @@ use servo_core::fault::Fault;
 use servo_core::record::flags;
 use servo_core::state::State;
 use servo_protocol::black_box::BlackBox;
+use servo_protocol::frame::{MAX_FRAME, encode};
 use servo_protocol::message::{Reply, Request};
 use servo_virtual_board::{AdcFault, Analog, Config, EncoderFault, Lasting, Link, VirtualBoard};
 
@@ -279,6 +280,14 @@ fn a_silent_host_turns_the_bridge_off_and_one_that_asks_does_not() {
     for _ in 0..6 {
         board.run_for(Duration::from_millis(30)).unwrap();
         assert_eq!(status(&mut board, &mut link).fault, None);
+    }
+    // And whatever it asks again, because the reply was lost on the way.
+    let mut stop = [0; MAX_FRAME];
+    let length = encode(1, &Request::Stop, &mut stop).unwrap();
+    for _ in 0..6 {
+        board.send(&stop[..length]).unwrap();
+        board.run_for(Duration::from_millis(30)).unwrap();
+        assert!(board.bridge_enabled().unwrap());
     }
     board.run_for(Duration::from_millis(60)).unwrap();
     assert_latched(&mut board, &mut link, Fault::CommandTimeout);
