@@ -113,11 +113,15 @@ pub fn with_niasa(measured: &LoopTransmission) -> Section {
 pub(super) fn friction_turns(plant: &Stage, percent: f64) -> String {
     let amplitude_n = percent / 100.0 * plant.amplifier.full_scale_a * plant.motor.force_constant_n_per_a;
     let share = 4.0 * plant.friction.coulomb_n / (PI * amplitude_n);
+    let turned = if share < 1.0 {
+        let degrees = number(libm::asin(share).to_degrees(), 0);
+        format!(", which is {degrees}° at {percent} % of full current and more at less")
+    } else {
+        String::new()
+    };
     format!(
         "A phase margin measured on the stage is larger than the one that the gains were computed for on the free mass, because friction \
-         damps: beside a force F it turns the phase of the mass by asin(4 F_C/πF), which is {}° at {percent} % of full current and more at \
-         less.",
-        if share < 1.0 { number(libm::asin(share).to_degrees(), 0) } else { MISSING.to_owned() }
+         damps: beside a force F it turns the phase of the mass by asin(4 F_C/πF){turned}."
     )
 }
 
@@ -323,6 +327,14 @@ pub(super) mod tests {
         wrong.figure_15[1].resonance_hz = None;
         let outcomes = by_amplitude(&wrong).findings.into_iter().map(|f| f.verdict.outcome);
         assert_eq!(outcomes.collect::<Vec<_>>(), [Outcome::Partly, Outcome::NotReproduced]);
+    }
+
+    #[test]
+    fn friction_turns_the_mass_by_the_share_of_its_fundamental_in_the_force() {
+        // 4 · 0.64 N/π beside 7.8 N.
+        assert!(friction_turns(&Stage::default(), 10.0).contains("which is 6° at 10 % of full current"));
+        // Beside a force below it there is no such angle.
+        assert!(friction_turns(&Stage::default(), 0.1).ends_with("by asin(4 F_C/πF)."));
     }
 
     #[test]

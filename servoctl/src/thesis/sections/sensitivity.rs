@@ -246,6 +246,25 @@ mod tests {
     }
 
     #[test]
+    fn moves_that_end_outside_every_tolerance_are_counted_by_name_and_those_only() {
+        let mut run = tiny_run(&[(100.0, 50.0), (30.0, 20.0), (30.0, 20.0)]);
+        run.name = "δ -0.5".into();
+        run.configs[NIASA].settling.unsettled = vec![4, 0];
+        assert_eq!(restless(&[&run]), None);
+        run.configs[NIASA_7_55].settling.unsettled = vec![7, 7];
+        let said = restless(&[&run]).unwrap();
+        assert!(said.contains("δ −0.5, pid+niasa-7.55: 7 of 10"), "{said}");
+        assert_eq!(said.matches(" of 10 ").count(), 1, "{said}");
+    }
+
+    #[test]
+    fn a_pid_that_is_inside_at_once_is_what_a_reduction_far_below_zero_is_relative_to() {
+        assert_eq!(at_once(&[&tiny_run(&[(100.0, 50.0), (30.0, 20.0), (30.0, 20.0)])]), None);
+        let said = at_once(&[&tiny_run(&[(100.0, 1.0), (30.0, 3.0), (30.0, 32.0)])]).unwrap();
+        assert!(said.ends_with("to ±10 nm: PID 1.0 ms, NIASA 3.0 (App. E) and 32.0 ms (7.55)."), "{said}");
+    }
+
+    #[test]
     fn half_and_twice_the_value_have_to_be_faster_than_pid() {
         let verdict = |twice: (f64, f64)| {
             let others = [(30.0, 20.0); 3];
