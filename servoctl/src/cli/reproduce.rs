@@ -106,7 +106,8 @@ impl Name {
         match self.kind() {
             Kind::Settling(experiment) => experiment.travel_m(),
             Kind::IdentificationStudy | Kind::All => Experiment::Exp1.travel_m(),
-            Kind::LoopTransmission | Kind::Step100Um | Kind::Models => 0.0,
+            Kind::Step100Um => step_100um::TRAVEL_M,
+            Kind::LoopTransmission | Kind::Models => 0.0,
         }
     }
 

@@ -126,7 +126,7 @@ pub const SILENCE_S: f64 = 2.0 * Patience::SERIAL.silence.as_millis() as f64 * 1
 
 /// A link in use: every wait looks for faults and for the wish to end.
 ///
-/// The drive is asked something every [`LOOK_S`] or so while its bridge is on: what takes long to compute is computed with the bridge off.
+/// The drive is asked something every 20 ms or so while its bridge is on: what takes long to compute is computed with the bridge off.
 pub struct Session<'a> {
     /// The drive.
     pub link: &'a mut dyn Link,

@@ -22,28 +22,15 @@ const LINEAR_NM: f64 = 3810.0;
 /// Distances and such legs depend on the friction of one move: they may differ by this factor.
 const FACTOR: f64 = 2.0;
 
+/// What is said where there is no finding.
+const NONE: &str = "no leg that is not the linear loop's";
+
 /// The section.
 pub fn section(step: &Step100Um) -> Section {
     let found = step.finding.as_ref();
-    let shown = |value: Option<f64>, decimals| value.map_or(MISSING.to_owned(), |v| number(v, decimals));
-    let legs = format!(
-        "{} ms; {} ms from ±{} nm{}; then {}",
-        shown(step.linear_leg_ms, 1),
-        shown(found.map(|f| f.leg_ms), 1),
-        shown(found.map(|f| f.length_scale_nm), 0),
-        match found.map(|f| f.end) {
-            Some(End::Creeps) => ", to the target",
-            Some(End::Short) => ", short of the target",
-            _ => "",
-        },
-        found.and_then(|f| f.next_leg_ms).map_or("no further extreme".to_owned(), |ms| format!("{} ms", number(ms, 1))),
-    );
-    let scale = format!(
-        "{} nm; linear down to {} µm; {}",
-        shown(found.map(|f| f.length_scale_nm), 0),
-        shown(found.map(|f| f.linear_down_to_nm * 1e-3), 2),
-        spread(step)
-    );
+    let linear_ms = step.linear_leg_ms.map_or(MISSING.to_owned(), |ms| number(ms, 1));
+    let legs = format!("{linear_ms} ms; {}", found.map_or(NONE.to_owned(), leg_in_words));
+    let scale = format!("{}; {}", found.map_or(NONE.to_owned(), scale_in_words), spread(step));
     let conditions = [
         ("Origin", ORIGIN.to_owned()),
         ("Step", "100 µm".to_owned()),
@@ -64,6 +51,22 @@ pub fn section(step: &Step100Um) -> Section {
         .table(&[], step.extremes_table().under("extremes, and beside them those without friction"))
         .table(&[], step.finding_table())
         .table(&[], step.friction_table())
+}
+
+/// The leg from the length scale, and the one after it.
+fn leg_in_words(found: &Finding) -> String {
+    let to = match found.end {
+        End::Creeps => ", to the target",
+        End::Short => ", short of the target",
+        End::Untimely => "",
+    };
+    let next = found.next_leg_ms.map_or("no further extreme".to_owned(), |ms| format!("{} ms", number(ms, 1)));
+    format!("{} ms from ±{} nm{to}; then {next}", number(found.leg_ms, 1), number(found.length_scale_nm, 0))
+}
+
+fn scale_in_words(found: &Finding) -> String {
+    let [scale, linear] = [number(found.length_scale_nm, 0), number(found.linear_down_to_nm * 1e-3, 2)];
+    format!("{scale} nm; linear down to {linear} µm")
 }
 
 fn factor_of(nm: f64) -> (f64, f64) {
@@ -196,5 +199,6 @@ mod tests {
         assert_eq!(outcomes(&creeping), [Outcome::Partly, Outcome::Reproduced]);
         assert!(legs_verdict(&creeping).why().contains("creeps to the target"));
         assert_eq!(outcomes(&step(None)), [Outcome::Partly, Outcome::NotReproduced]);
+        assert!(section(&step(None)).findings.iter().all(|finding| finding.ours.contains(NONE)));
     }
 }
