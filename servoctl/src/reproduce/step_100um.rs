@@ -32,8 +32,8 @@ const ACCELERATION_M_PER_S2: f64 = 20.0;
 const RECORD_S: f64 = 1.0;
 /// The move before, m: it leaves the guides rolling in one direction, as any move does.
 const APPROACH_M: f64 = 0.5e-3;
-/// Travel that both need, to either side of the middle where they begin, m.
-pub const TRAVEL_M: f64 = 2.0 * (APPROACH_M + STEP_M);
+/// Travel that both need, to either side of its middle where they begin, with an overshoot as long as the step, m.
+pub const TRAVEL_M: f64 = 1.4e-3;
 /// Time after it, s.
 const APPROACH_DWELL_S: f64 = 2.0;
 /// Friction of the linear stage, as a share of the stage's.
