@@ -208,7 +208,7 @@ fn a_drive_that_is_lost_turns_its_bridge_off_and_is_not_said_to_have_it_off_befo
             )
         );
         assert_eq!(found.ended, Some((Step::Plant, words.clone())));
-        let report = page::render(&found, "a drive that is lost", Some((step, &failure)));
+        let report = page::render(&found, "a drive that is lost", Some((step, &failure))).replace('\u{a0}', " ");
         assert!(report.contains(&words) && !report.contains("The bridge is off"));
 
         let mut drive = link.drive;
