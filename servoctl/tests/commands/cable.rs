@@ -126,7 +126,8 @@ fn carry(kind: Kind, mut near: impl Read + Write, mut drive: TcpStream, state: &
         }
         match drive.read(&mut bytes) {
             Ok(0) => return,
-            Ok(length) if near.write_all(&bytes[..length]).is_err() => return,
+            // On a serial line nobody hears what comes while no program has the terminal open.
+            Ok(length) if near.write_all(&bytes[..length]).is_err() && kind == Kind::Tcp => return,
             _ => {}
         }
     }
