@@ -138,8 +138,10 @@ impl FastBench {
             self.tick(None);
         }
         let answer = self.command(Command::Enable);
-        for _ in 0..if answer.is_ok() { 800 } else { 0 } {
-            self.tick(None);
+        if answer.is_ok() {
+            for _ in 0..800 {
+                self.tick(None);
+            }
         }
         match (self.drive.fault(), self.drive.state()) {
             (Some(fault), _) => Err(Refusal::FaultPersists(fault)),
